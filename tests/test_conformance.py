@@ -3,16 +3,18 @@
 import csv
 import json
 import math
+import re
 import subprocess
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tables import conformance_cases
+from tools import conformance
 
 import jaxrock as jr
-from jaxrock.reports import conformance
 
 pytestmark = pytest.mark.float64
 SCRIPT = Path(__file__).parent / "references" / "conformance_with_scipy.py"
@@ -57,9 +59,6 @@ def checked(folder, *arguments):
 def test_well_formed(folder):
     assert sorted(path.name for path in folder.iterdir()) == sorted(conformance.FILES)
     table, cases = whole(folder), cases_in(folder)
-    header = ("version", "conventions", "equations", "inputs", "quantities", "fields")
-    assert tuple(table) == (*header, "cases")
-    assert all(f"``{key}``" in conformance.__doc__ for key in table)
     assert table["version"] == jr.__version__
     ids = [case["id"] for case in cases]
     assert len(set(ids)) == len(ids)
@@ -88,13 +87,32 @@ def test_well_formed(folder):
     assert named == set(conformance.RECORDS)
 
 
+def test_the_header_explains_the_cases():
+    """In the file of the package, which is read without any program of jaxrock."""
+    resource = files("jaxrock") / "data" / "conformance.json"
+    table = json.loads(resource.read_text(encoding="utf-8"))
+    header = ("conventions", "equations", "inputs", "quantities", "files", "fields")
+    assert tuple(table) == (*header, "cases")
+    assert tuple(conformance.read_table()) == ("version", *header, "cases")
+    page = (SCRIPT.parents[2] / "docs" / "conformance.md").read_text(encoding="utf-8")
+    assert all(f"`{key}`" in page for key in ("version", *table))
+    assert set().union(*table["cases"]) == set(table["fields"])
+    for name in header:
+        for key, explanation in table[name].items():
+            assert not re.match(r"(read|write|make|compute|get)_", key), key
+            # A sentence of its own: "of the value" goes on from a word that stands elsewhere.
+            assert not re.match(r"(of|to|with)\b", explanation), key
+            assert len(explanation) > 3, key
+    assert tuple(table["files"]) == conformance.RECORDS
+
+
 def check(case, fields):
     assert list(case) == list(fields), case["id"]
     assert math.isfinite(case["value"]), case["id"]
     assert case["value"] != 0 or case["quantity"] == "overturned", case["id"]
-    assert (case["from"] == "converged") <= (case["spread"] is not None), case["id"]
-    if case["spread"] is not None:
-        assert case["spread"] <= 0.1 * tolerance(case), case["id"]
+    assert (case["from"] == "converged") <= (case["difference"] is not None), case["id"]
+    if case["difference"] is not None:
+        assert case["difference"] <= 0.1 * tolerance(case), case["id"]
     if case["low"] is not None and case["variable"] is None:
         assert case["low"] < case["value"] < case["high"], case["id"]
     assert case["variable"] is None or case[case["variable"]] is not None, case["id"]
@@ -174,7 +192,7 @@ def test_computed_again(folder, part):
         off = abs(case.pop("value") - frozen["value"])
         assert off <= 0.1 * tolerance(frozen), case["id"]
         assert set(case) < set(frozen), case["id"]
-        for key in set(case) - {"spread", "what", "source"}:
+        for key in set(case) - {"difference", "what", "source"}:
             expected = frozen[key]
             if isinstance(expected, float):
                 # Ends of a range follow from boundaries that are searched anew.
@@ -189,8 +207,8 @@ def test_scipy_agrees_on_every_case(folder):
     assert result.returncode == 0, result.stdout + result.stderr
     count = len(cases_in(folder))
     assert f"{count} of {count} agree" in result.stdout
-    readme = (SCRIPT.parents[2] / "README.md").read_text(encoding="utf-8")
-    assert f"{count} cases that another program" in readme
+    page = (SCRIPT.parents[2] / "docs" / "conformance.md").read_text(encoding="utf-8")
+    assert f"{count} cases" in page
 
 
 @pytest.mark.thorough

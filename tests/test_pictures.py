@@ -136,7 +136,7 @@ def test_probabilities_stand_at_their_levels_and_intervals_are_bands():
 
 
 def bars_of(answers, names=None):
-    """Bars from the answer with all numbers unchanged, and both answers of each number."""
+    """Bars from the answer with all parameters unchanged, and both answers of each parameter."""
     middle, *pairs = answers
     names = names or [f"number_{k}" for k in range(len(pairs))]
     ranges = {name: (0.12345, 12345.6) for name in names}
@@ -168,6 +168,13 @@ def test_texts_of_a_tornado_lie_apart(case):
         assert len(ax.texts) == 2 * len(bars.names)
 
 
+def test_bars_of_a_narrow_tornado_are_seen():
+    _, ax = plt.subplots(figsize=(3.6, 3.0), layout="constrained")
+    plot_tornado(TORNADOES["overturns"], ax)
+    low, high = ax.get_xlim()
+    assert high - low < 3 * (0.3 - 0.1)
+
+
 def map_of(values):
     """A map of these values, 20 by 30."""
     axes = {"half_width": np.linspace(0.2, 0.6, 20), "slenderness": np.linspace(3, 10, 30)}
@@ -175,7 +182,7 @@ def map_of(values):
     return xarray.DataArray(np.reshape(values, (20, 30)), axes, list(axes), attrs=attributes)
 
 
-STEEP = 1 / np.linspace(1, 0.001, 600) ** 1.5  # as slopes are at a threshold
+STEEP = 1 / np.linspace(1, 0.001, 600) ** 1.5  # as derivatives are at a threshold
 SKEWED = {
     "one sign": STEEP,
     "below zero": -STEEP,

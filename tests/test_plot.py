@@ -1,6 +1,5 @@
 """What the figures show: their lines against the answers, limits, labels and legends."""
 
-import dataclasses
 import inspect
 import re
 
@@ -24,10 +23,8 @@ from jaxrock.plot import (
     animate,
     plot_block,
     plot_boundaries,
-    plot_convergence,
     plot_critical_intensity,
     plot_curves,
-    plot_distribution,
     plot_fragility,
     plot_free_rocking_fit,
     plot_harmonic,
@@ -37,18 +34,13 @@ from jaxrock.plot import (
     plot_phase,
     plot_resonance,
     plot_response,
-    plot_rocking_curves,
     plot_rocking_spectrum,
     plot_sensitivity_map,
     plot_sobol_indices,
     plot_spectrum,
     plot_tornado,
     plot_tradeoff,
-    plot_train,
-    plot_variance_fractions,
 )
-from jaxrock.resonance.pulse_train import Rocker
-from jaxrock.resonance.train_through_impacts import Train, follow_phased_train
 
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
 
@@ -86,36 +78,9 @@ def rocking():
 
 
 @pytest.fixture(scope="module")
-def scatter():
-    return jr.sensitivity.propagate(
-        jr.rotation_ratio,
-        WALL,
-        jr.Uncertain({"intensity": 0.1, "restitution": 0.05}, samples=1024),
-    )
-
-
-@pytest.fixture(scope="module")
 def bars():
     ranges = {"slenderness": (4.0, 6.0), "intensity": (0.1, 0.4)}
     return jr.tornado(jr.rotation_ratio, WALL, ranges)
-
-
-def train(times, intensities, skips, delays):
-    """A train as a search would give it; the objectives of two starts are made up."""
-    return jr.resonance.WorstTrain(
-        times=np.asarray(times),
-        intensities=np.asarray(intensities),
-        impacts_between=np.asarray(skips),
-        delays=np.asarray(delays),
-        largest=float(np.abs(intensities).max()),
-        total=float(np.abs(intensities).sum()),
-        peak_rotation=np.nan,
-        overturns=False,
-        status=jr.Status.COMPLETE,
-        objectives=np.array([0.5, 0.4]),
-        history=np.array([[1.0, 0.6, 0.5], [0.8, 0.5, 0.4]]),
-        goal="smallest largest",
-    )
 
 
 SLOPES = xarray.DataArray(
@@ -152,7 +117,7 @@ def curves():
 
 
 @pytest.fixture(scope="module")
-def shares():
+def probabilities():
     record = jr.Record([0.0, 3.0, -3.0, 0.0], 0.2)
     suite = jr.Suite([record, record.scaled(0.1)])
     return jr.sensitivity.outcome_probabilities(
@@ -161,12 +126,8 @@ def shares():
 
 
 @pytest.fixture(scope="module")
-def calls(spectrum, response, boundaries, rocking, scatter, bars, curves, shares):
+def calls(spectrum, response, boundaries, bars, curves, probabilities):
     """A call of every function that takes axes, and the number of entries in its legend."""
-    pulses = train([0.0, 0.2], [0.2, -0.2], [0, 1], [0.0, 0.1])
-    samples = jr.sensitivity.monte_carlo(
-        jr.rotation_ratio, WALL, jr.Uncertain({"intensity": 0.5}, samples=256)
-    )
     nine = jr.resonance_spectrum([3.0, 4.0], np.linspace(0.4, 1.2, 9), 0.6, 0.15)
     floor = jr.harmonic_spectrum(
         np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14), restitution=0.9
@@ -187,28 +148,20 @@ def calls(spectrum, response, boundaries, rocking, scatter, bars, curves, shares
             4,
         ),
         plot_inventory: (lambda ax: plot_inventory(museum(), ax), 0),  # outside of the axes
-        plot_convergence: (lambda ax: plot_convergence(pulses, ax), 0),
-        plot_distribution: (
-            lambda ax: plot_distribution(samples, scatter, ax, "rotation ratio [-]"),
-            4,
-        ),
         plot_fragility: (lambda ax: plot_fragility(curves, ax), 4),
         plot_harmonic: (lambda ax: plot_harmonic(floor, ax), 6),
-        plot_outcome_probabilities: (lambda ax: plot_outcome_probabilities(shares, ax), 3),
+        plot_outcome_probabilities: (
+            lambda ax: plot_outcome_probabilities(probabilities, ax),
+            3,
+        ),
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
         plot_response: (lambda ax: plot_response(response, ax), 2),
-        plot_rocking_curves: (
-            lambda ax: plot_rocking_curves(rocking.sel(restitution=0.8), ax),
-            3,
-        ),
         plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 1),
-        plot_sobol_indices: (lambda ax: plot_sobol_indices(shares, "peak", ax), 2),
-        plot_variance_fractions: (lambda ax: plot_variance_fractions(scatter, ax), 0),
+        plot_sobol_indices: (lambda ax: plot_sobol_indices(probabilities, "peak", ax), 2),
         plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
         plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 3),
-        plot_train: (lambda ax: plot_train(WALL.block, 0.7, pulses, ax=ax), 0),
     }
 
 
@@ -263,7 +216,7 @@ def test_all_draw_on_the_axes_given_with_units_and_legible_in_grey(calls):
         assert bool(new.get_ylabel()) == (
             function
             not in (
-                *(plot_tornado, plot_variance_fractions, plot_boundaries),
+                *(plot_tornado, plot_boundaries),
                 *(plot_outcome_probabilities, plot_sobol_indices, plot_inventory),
             )
         ), name
@@ -366,7 +319,8 @@ def test_of_many_values_some_are_drawn():
 
 
 def test_rocking_spectrum(rocking):
-    ax = plot_rocking_curves(rocking.sel(restitution=0.9))
+    figure = plot_rocking_spectrum(rocking)
+    ax = figure.axes[1]
     chosen = rocking.sel(restitution=0.9, slenderness=6.0)
     assert 0 < int(chosen.overturned.sum()) < 5
     expected = np.where(chosen.overturned == 0, chosen.rotation_ratio, np.nan)
@@ -379,15 +333,13 @@ def test_rocking_spectrum(rocking):
         [(2, 1.5 + n)] for n in falls
     ]
     assert legend_of(ax)[-1] == "overturns"
-    none = rocking.assign(overturned=0 * rocking.overturned + 1).sel(restitution=0.9)
-    assert legend_of(plot_rocking_curves(none))[-1] == "overturns"
-    assert ax.get_xlabel() == r"period $2\pi/p$ of the block [s]"
-    assert ax.get_ylabel() == r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]"
-    figure = plot_rocking_spectrum(rocking)
+    none = rocking.assign(overturned=0 * rocking.overturned + 1)
+    assert legend_of(plot_rocking_spectrum(none).axes[1])[-1] == "overturns"
+    left, right = figure.axes
+    assert right.get_xlabel() == r"period $2\pi/p$ of the block [s]"
+    assert left.get_ylabel() == r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]"
     assert [panel.get_title() for panel in figure.axes] == ["$C$ = 0.8", "$C$ = 0.9"]
     assert [panel.get_legend() is None for panel in figure.axes] == [True, False]
-    with pytest.raises(ValueError, match="variable must have the dimensions"):
-        plot_rocking_curves(rocking)
     # Without a restitution of its own, Housner's.
     one = rocking.isel(restitution=0, drop=True)
     assert [panel.get_title() for panel in plot_rocking_spectrum(one).axes] == [
@@ -555,48 +507,6 @@ def test_resonance_until_it_overturns():
 
 
 @pytest.mark.thorough
-@pytest.mark.float64
-@pytest.mark.parametrize(
-    "model", [jr.Linearized(), pytest.param(jr.Nonlinear(), marks=pytest.mark.thorough)]
-)
-def test_train(model):
-    """Pulses outward and inward, in flight and after impacts: as `respond_to_train` has it."""
-    rocker = Rocker(WALL.block, jnp.asarray(0.7), model)
-    skips, weights = np.array([0, 0, 1, 2]), np.array([1.0, 0.4, 0.7, -0.3])
-    phases = np.array([0.0, 0.3, 0.6, 0.2])
-    shape = Train(*(jnp.asarray(part) for part in (phases, 0.5 * weights, skips)))
-    outcome = jax.jit(follow_phased_train)(rocker, shape)
-    intensities = 0.5 * float(rocker.unit) * weights * np.asarray(outcome.sides)
-    times = np.asarray(outcome.times)
-    ax = plot_train(WALL.block, 0.7, train(times, intensities, skips, outcome.delays), model)
-    time, ratio = ax.get_lines()[0].get_data()
-    assert (np.diff(time) >= 0).all()
-    expected = jr.respond_to_train(WALL.block, 0.7, times, intensities, model)
-    peak = float(expected.peak_rotation / WALL.block.critical_angle)
-    assert abs(ratio).max() == pytest.approx(peak, rel=2e-3)
-    sides = np.sign(np.interp(times[1:], time, ratio))
-    np.testing.assert_array_equal(sides, np.asarray(expected.side)[1:])
-    # Where a pulse falls into a flight, that goes on: no jumps.
-    assert abs(np.diff(ratio)).max() < 0.1 * abs(ratio).max()
-    marks = np.concatenate([line.get_xydata() for line in ax.child_axes[0].get_lines()[1:]])
-    np.testing.assert_allclose(
-        marks[marks[:, 0].argsort()], np.transpose([times, intensities])
-    )
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_a_pulse_right_before_an_impact_is_drawn_there():
-    worst = jr.worst_train(WALL.block, 0.7, 4, latest=1.2, starts=6)
-    assert worst.delays.max() > 0.999
-    ax = plot_train(WALL.block, 0.7, worst)
-    ratio = ax.get_lines()[0].get_ydata()
-    side = np.sign(worst.intensities[0]) * (-1) ** worst.impacts_between.sum()
-    assert side * ratio[-1] == pytest.approx(1, rel=1e-2)
-    assert abs(ratio).max() == abs(ratio[-1])
-
-
-@pytest.mark.thorough
 def test_animation(response, tmp_path, monkeypatch):
     animate(response, tmp_path / "block.gif", frames_per_second=5)
     with Image.open(tmp_path / "block.gif") as film:
@@ -685,7 +595,7 @@ def test_boundaries_along_a_width():
         "stands": [[0.6, 1.2]],
         "overturns": [[0.3, 0.6]],
     }
-    assert ax.get_xlabel() == "width at this height [m]"
+    assert ax.get_xlabel() == "width at this height, $2b$ [m]"
     assert ax.get_xscale() == "linear"
     alone = plot_boundaries(windows((), False, "restitution"), (0.3, 0.9))
     assert legend_of(alone) == ["stands"]
@@ -697,7 +607,9 @@ def test_boundaries_along_a_width():
     assert np.diff(np.log(places)).min() > 0.025 * np.log(20 / 0.2)
     assert ax.get_xlim()[0] < 0.2
     several = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), windows())
-    with pytest.raises(ValueError, match="found must be of one block, got an array of shape"):
+    with pytest.raises(
+        ValueError, match="boundaries must be of one block, got an array of shape"
+    ):
         plot_boundaries(several, (1.0, 9.0))
 
 
@@ -754,61 +666,14 @@ def test_sensitivity_map():
     assert dark > 0.3
     with pytest.raises(ValueError, match="two dimensions"):
         plot_sensitivity_map(SLOPES[0])
-    row = SLOPES[:1].rename("slope of the peak").drop_attrs()  # no contours in one dimension
+    row = (
+        SLOPES[:1].rename("derivative of the peak").drop_attrs()
+    )  # no contours in one dimension
     figure = plot_sensitivity_map(row, limit=2.0).figure
     assert figure.axes[0].collections[0].get_clim() == (-2, 2)
-    assert figure.axes[1].get_xlabel() == "slope of the peak"
+    assert figure.axes[1].get_xlabel() == "derivative of the peak"
     nothing = plot_sensitivity_map(SLOPES * np.nan)
     assert len(nothing.collections) == 1
-
-
-@pytest.mark.thorough
-def test_distribution(scatter):
-    samples = np.append(np.linspace(0, 1, 999), np.nan)
-    ax = plot_distribution(samples, scatter, label="rotation ratio [-]")
-    (histogram,) = ax.patches
-    heights, edges, _ = histogram.get_data()
-    assert heights.sum() == pytest.approx(0.999)
-    assert legend_of(ax) == [
-        "1,000 samples",
-        "normal, first order",
-        "normal, second order",
-        "0.1 % without an answer",
-    ]
-    for line, mean, deviation in (
-        (ax.get_lines()[0], scatter.first_order_mean, scatter.first_order_standard_deviation),
-        (ax.get_lines()[1], scatter.mean, scatter.standard_deviation),
-    ):
-        place, share = line.get_data()
-        assert place[share.argmax()] == pytest.approx(mean, abs=0.003)
-        normal = (edges[1] - edges[0]) / (deviation * np.sqrt(2 * np.pi))
-        assert share.max() == pytest.approx(normal, rel=1e-3)
-    far = dataclasses.replace(scatter, within_tolerance=False)
-    assert plot_distribution(samples, far).get_title() == "neither order is within tolerance"
-    with pytest.raises(ValueError, match="samples must have at least one answer"):
-        plot_distribution(np.full(3, np.nan))
-
-
-def test_variance_fractions(scatter):
-    ax = plot_variance_fractions(scatter)
-    names = [label.get_text() for label in ax.get_yticklabels()]
-    assert names == ["intensity", "restitution"]  # the largest on top
-    np.testing.assert_allclose(
-        [bar.get_width() for bar in ax.patches],
-        [100 * scatter.variance_fractions[name] for name in names],
-    )
-
-
-def test_convergence():
-    ax = plot_convergence(train([0.0], [0.4], [0], [0.0]))
-    first, second = (line.get_ydata() for line in ax.get_lines())
-    np.testing.assert_allclose(first, [1.5, 0.5, 0.25])
-    np.testing.assert_allclose(second, [1.0, 0.25, 1e-16], atol=1e-15)
-    assert ax.get_yscale() == "log"
-    assert ax.get_title() == "2 starts of the search"
-    none = train([0.0], [0.4], [0], [0.0])
-    none = dataclasses.replace(none, objectives=np.full_like(none.objectives, np.nan))
-    assert plot_convergence(none).get_title() == ax.get_title()
 
 
 @pytest.mark.float64

@@ -1,8 +1,7 @@
 """Figures: functions that take ``ax=None`` and return the axes they drew on.
 
 `animate` writes a file. `plot_free_rocking_fit` makes a figure of two panels. `plot_spectrum`
-and `plot_rocking_spectrum` make a figure of many; `plot_curves` and `plot_rocking_curves` draw
-one of these panels.
+and `plot_rocking_spectrum` make a figure of many; `plot_curves` draws a panel of the former.
 """
 
 from .block import animate, plot_block, plot_phase, plot_response
@@ -12,24 +11,17 @@ from .harmonic import plot_harmonic
 from .inventory import plot_inventory
 from .outcome_probabilities import plot_outcome_probabilities, plot_sobol_indices
 from .overturning import plot_boundaries, plot_critical_intensity
-from .pulses import plot_convergence, plot_overturning_map, plot_resonance, plot_train
-from .sensitivity import (
-    plot_distribution,
-    plot_sensitivity_map,
-    plot_tornado,
-    plot_variance_fractions,
-)
-from .spectra import plot_curves, plot_rocking_curves, plot_rocking_spectrum, plot_spectrum
+from .pulses import plot_overturning_map, plot_resonance
+from .sensitivity import plot_sensitivity_map, plot_tornado
+from .spectra import plot_curves, plot_rocking_spectrum, plot_spectrum
 from .tradeoff import plot_tradeoff
 
 __all__ = [
     "animate",
     "plot_block",
     "plot_boundaries",
-    "plot_convergence",
     "plot_critical_intensity",
     "plot_curves",
-    "plot_distribution",
     "plot_fragility",
     "plot_free_rocking_fit",
     "plot_harmonic",
@@ -39,13 +31,10 @@ __all__ = [
     "plot_phase",
     "plot_resonance",
     "plot_response",
-    "plot_rocking_curves",
     "plot_rocking_spectrum",
     "plot_sensitivity_map",
     "plot_sobol_indices",
     "plot_spectrum",
     "plot_tornado",
     "plot_tradeoff",
-    "plot_train",
-    "plot_variance_fractions",
 ]

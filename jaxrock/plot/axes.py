@@ -1,10 +1,15 @@
 """Shared parts of the figures: axes, labels with units, levels, legends, line styles."""
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import matplotlib.pyplot as plt
 import xarray
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+from ..block import SIZES_IN_WORDS
 
 # INK and NEUTRAL are close to the start and the middle of cividis, the map that colours the
 # curves of spectra. Its lightness rises all the way, so that it can be read in grey as well.
@@ -14,6 +19,7 @@ LIGHT = "#d9b44a"
 NEUTRAL = "#7c7b78"
 LINE = "0.2"
 RATIO = r"rotation ratio $\alpha/\alpha_c$ [-]"
+QUANTILE = 1.96  # of the normal distribution, for 95 %
 
 # A legend inside of the axes would hide curves: it stands on the right, or in a row above.
 BESIDE: dict[str, Any] = {
@@ -26,6 +32,8 @@ ABOVE: dict[str, Any] = {
     "bbox_to_anchor": (0.5, 1),
     "frameon": False,
 }
+# Behind a text that lies on curves.
+BACKDROP: dict[str, Any] = {"facecolor": "w", "alpha": 0.8, "linewidth": 0, "pad": 2}
 
 # Curves differ without colours, too: by line style first and marker next, since many markers
 # hide a line. A point has no line style, so that points differ by their marker first.
@@ -35,19 +43,30 @@ _LOOKS = [{"linestyle": s, "marker": m, "markersize": 5} for m in _MARKERS for s
 CURVES: list[dict[str, object]] = [{**look, "markevery": 0.1} for look in _LOOKS]
 POINTS: list[dict[str, object]] = [_LOOKS[k + 7 * m] for k in range(7) for m in range(1, 9)]
 
-# Names in words and units, by the names in the code. A name such as "period" is a given number
+# Names in words and units, by the names in the code. A name such as "period" is a parameter
 # where it is a dimension, and an answer where it is a variable: hence two tables.
-_DIMENSIONS = {
+_PARAMETERS = {
     "period": (r"period $2\pi/p$ of the block", "s"),
     "slenderness": (r"slenderness $\lambda$", "1"),
     "width": ("width $2b$", "m"),
+    "height": ("height $2a$", "m"),
     "half_width": ("half-width $b$", "m"),
     "inertia_ratio": (r"inertia ratio $\kappa$", "1"),
     "restitution": ("restitution $C$", "1"),
     "intensity": ("pulse intensity $I$", "m s-1"),
     "amplitude": ("amplitude", "m s-2"),
+    "duration": ("pulse duration", "s"),
     "pulse_duration": ("pulse duration", "s"),
-    "scale": ("factor on the record", "1"),
+    "frequency": ("frequency of the floor", "rad s-1"),
+    "scale": ("factor on the motion", "1"),
+    "factor": ("factor on the motion", "1"),
+}
+# What is written where a block gets another shape: also what stays as it is.
+_VARIED = {
+    "slenderness": (r"slenderness at this width, $\lambda$", "1"),
+    "width": (f"{SIZES_IN_WORDS['width']}, $2b$", "m"),
+    "height": (f"{SIZES_IN_WORDS['height']}, $2a$", "m"),
+    "half_width": (f"{SIZES_IN_WORDS['half_width']}, $b$", "m"),
 }
 _VARIABLES = {
     "rotation_ratio": (r"rotation ratio $\alpha^*_{max}/\alpha_c$", "1"),
@@ -79,19 +98,50 @@ def add_level(ax: Axes, level: float, name: str | None) -> None:
         ax.axhline(sign * level, color=NEUTRAL, linestyle="--", linewidth=0.8, label=label)
 
 
+def add_strip_above(ax: Axes, low: float, high: float) -> Axes:
+    """Make axes over the top of `ax`, which shows `low` to `high` below them."""
+    # The limits of `ax` leave room for the strip, and the ticks end where it begins.
+    height = 0.28  # as a fraction of `ax`
+    ax.set_ylim(low, low + (high - low) / (1 - height))
+    ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-high, high)
+    ax.set_yticks([tick for tick in ticks if abs(tick) < high])
+    ax.yaxis.label.set_y((1 - height) / 2)
+    above = ax.inset_axes((0, 1 - height, 1, height), sharex=ax)
+    above.axhline(0, color=LINE, linewidth=0.6)
+    above.tick_params(labelbottom=False)
+    return above
+
+
+def tick_decades(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Label an axis, logarithmic by now, at these multiples of the powers of ten, in decimals."""
+    axis.set_major_locator(LogLocator(subs=steps))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+def write_amplitude_ratio(symbol: str, model: str) -> str:
+    """Write the label of an amplitude over the acceleration that lifts a block."""
+    angle = r"\alpha_c" if model == "linearized" else r"\tan\alpha_c"
+    return rf"amplitude ratio ${symbol}/(g\,{angle})$ [-]"
+
+
 def write_label(variable: xarray.DataArray) -> str:
     """Write name, symbol and unit of a variable or a coordinate, for an axis or a legend."""
     name = str(variable.name)
     attributes = variable.attrs
     # A coordinate is named after the dimension along which it lies.
-    symbols = _DIMENSIONS if variable.name in variable.dims else _VARIABLES
+    symbols = _PARAMETERS if variable.name in variable.dims else _VARIABLES
     named = symbols.get(name, (attributes.get("long_name", name.replace("_", " ")), None))
     return _append_unit(named[0], attributes.get("units", named[1]))
 
 
-def write_number_label(name: str) -> str:
-    """Write name, symbol and unit of a number, by the name that it has in the code."""
-    return _append_unit(*_DIMENSIONS.get(name, (name.replace("_", " "), None)))
+def write_parameter_label(name: str, *, varied: bool = False) -> str:
+    """Write name, symbol and unit of a parameter, by the name that it has in the code.
+
+    Where a size is `varied` while others stay, the label says what stays.
+    """
+    labels = _PARAMETERS | _VARIED if varied else _PARAMETERS
+    return _append_unit(*labels.get(name, (name.replace("_", " "), None)))
 
 
 def _append_unit(label: str, unit: str | None) -> str:

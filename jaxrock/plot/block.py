@@ -21,10 +21,10 @@ from .axes import (
     NEUTRAL,
     RATIO,
     add_level,
+    add_strip_above,
     get_axes,
     label_axes,
 )
-from .pulses import add_strip_above
 
 _STAND_IN = "a rectangle stands in for the outline"
 _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
@@ -78,8 +78,8 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     ax.plot([pivot[0]] * 2, [0, 2.1 * a], ":", color=ACCENT, linewidth=1)
     edge = 90 - np.degrees(rotation)
     # Radii that differ keep the two angles and their symbols apart.
-    for radius, other in ((1.75 * a, 90.0), (0.6 * a, edge + side * np.degrees(critical))):
-        first, last = sorted((edge, other))
+    for radius, far in ((1.75 * a, 90.0), (0.6 * a, edge + side * np.degrees(critical))):
+        first, last = sorted((edge, far))
         size = {"width": 2 * radius, "height": 2 * radius, "theta1": first, "theta2": last}
         ax.add_patch(Arc((pivot[0], 0), **size, color=ACCENT, linewidth=1.5))
 
@@ -216,7 +216,7 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
 def _find_moving_span(response: Response, limit: float = _LIMIT) -> tuple[float, float]:
     """Find the time from shortly before a block moves until it rests, or falls beyond a limit.
 
-    All of the time that it was followed for if it never moves.
+    All of the time that was simulated if it never moves.
     """
     end = float(response.scene.duration)
     times = np.linspace(0, end, 4000)
@@ -254,7 +254,7 @@ def animate(
     Raises
     ------
     ValueError
-        If the span is not within the time that the response was followed for.
+        If the span is not within the time that was simulated.
     """
     block = response.scene.block
     end = float(response.scene.duration)

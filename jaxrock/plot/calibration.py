@@ -7,10 +7,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from ..calibration import FreeRockingFit
-from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, label_axes
+from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, QUANTILE, label_axes
 
 _SIGNIFICANT = 0.05  # p-value below which C is drawn as changing
-_QUANTILE = 1.96  # of the normal distribution, for 95 %
 
 
 def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> Figure:
@@ -94,13 +93,15 @@ def _draw_durations(fit: FreeRockingFit, ax: Axes) -> None:
 
 def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     """Draw C of each impact over the velocity before it, and the C that was fitted."""
-    velocities, each, errors = (
+    velocities, restitutions, errors = (
         np.asarray(values)
         for values in (fit.velocity_ratios, fit.restitutions, fit.restitution_errors)
     )
     name = "each impact, with standard\nerror by the noise of this fit"
-    ax.plot(velocities, each, "o", color=INK, label=name)
-    ax.errorbar(velocities, each, errors, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2)
+    ax.plot(velocities, restitutions, "o", color=INK, label=name)
+    ax.errorbar(
+        velocities, restitutions, errors, fmt="none", ecolor=INK, elinewidth=0.8, capsize=2
+    )
     constant = float(fit.restitution)
     error = float(fit.standard_errors["restitution"])
     name = f"constant: {constant:#.4g}\n$\\pm$ {error:.2g}"
@@ -109,7 +110,7 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     # and a band as narrow would hide behind the line.
     known = np.flatnonzero(np.isfinite(errors))
     known = known[np.argsort(velocities[known])]
-    reach = _QUANTILE * errors[known]
+    reach = QUANTILE * errors[known]
     name = "95 % of the impacts, if $C$\nis constant (noise alone)"
     band = {"color": NEUTRAL, "alpha": 0.3, "linewidth": 0, "zorder": 0, "label": name}
     ax.fill_between(velocities[known], constant - reach, constant + reach, **band)
@@ -119,7 +120,7 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     if chance < _SIGNIFICANT and float(fit.standard_errors["frequency_parameter"]) > 0:
         name = f"p-value of a constant {chance:.2g};\na change alters $p$ as well"
         ax.plot([], [], " ", label=name)
-    elif chance < _SIGNIFICANT and np.isfinite(each).any():
+    elif chance < _SIGNIFICANT and np.isfinite(restitutions).any():
         name = f"linear in the velocity,\np-value {chance:.2g}"
         ax.plot(*_compute_trend_line(fit), color=LINE, linestyle="--", label=name)
     # Values of C lie close together: matplotlib would print differences to one of them.
@@ -142,13 +143,14 @@ def _compute_trend_line(fit: FreeRockingFit) -> tuple[np.ndarray, np.ndarray]:
     # ratio times C, and so on up to the last.
     velocities = float(fit.launch_ratio) * float(fit.restitution) ** np.array([0, last - 2])
     slope = float(fit.restitution_change) / (velocities[0] - velocities[1])
-    at, each, errors = (
+    ratios, restitutions, errors = (
         np.asarray(values)
         for values in (fit.velocity_ratios, fit.restitutions, fit.restitution_errors)
     )
-    known = np.isfinite(each)
+    known = np.isfinite(restitutions)
     weights = errors[known] ** -2.0
-    middle, height = (np.average(values[known], weights=weights) for values in (at, each))
+    middle = np.average(ratios[known], weights=weights)
+    height = np.average(restitutions[known], weights=weights)
     return velocities, height + slope * (velocities - middle)
 
 

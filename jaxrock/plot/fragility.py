@@ -3,7 +3,6 @@
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from ..risk import LognormalFit
 from .axes import (
@@ -15,6 +14,7 @@ from .axes import (
     NEUTRAL,
     get_axes,
     label_axes,
+    tick_decades,
     write_label,
 )
 
@@ -93,9 +93,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         size = f"{width:.3g} m wide, {width * about['slenderness']:.3g} m high"
         ax.set_title(f"{size}, $C$ = {c:.3g}, {dataset.record.size} records")
     ax.set(xscale="log", ylim=(-0.03, 1.03))
-    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
+    tick_decades(ax.xaxis)
     confidence = f"{about['confidence']:.0%} " if "confidence" in about else ""
     title = f"counted (marks), with\n{confidence}intervals (bands), and\nlognormal curves"
     ax.legend(**BESIDE, title=title)

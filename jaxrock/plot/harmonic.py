@@ -4,9 +4,17 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from .axes import ABOVE, INK, NEUTRAL, get_axes, label_axes
+from .axes import (
+    ABOVE,
+    BACKDROP,
+    INK,
+    NEUTRAL,
+    get_axes,
+    label_axes,
+    tick_decades,
+    write_amplitude_ratio,
+)
 
 _LOOKS = (  # of the regions from 1 on
     ("0.88", "", "stable"),
@@ -17,7 +25,7 @@ _LOOKS = (  # of the regions from 1 on
 _LEVELS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
 
 
-def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
+def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw where a block rocks steadily on a harmonic floor, and how high.
 
     White where it does not, shaded or hatched where it does; curves are of equal peak rotation
@@ -26,7 +34,7 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
 
     Parameters
     ----------
-    found : xarray.Dataset
+    spectrum : xarray.Dataset
         From `jaxrock.spectra.harmonic_spectrum`, perhaps with `jaxrock.spectra.add_size`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
@@ -38,15 +46,15 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """
     ax = get_axes(ax, figsize=(7.2, 4.8))
     # Contours need rising axes, and the amplitude as the first one.
-    found = found.sortby(["frequency_ratio", "amplitude_ratio"])
-    found = found.transpose("amplitude_ratio", "frequency_ratio")
-    about = found.attrs
-    sized = "frequency" in found.coords
-    across = (found.frequency if sized else found.frequency_ratio).values
-    up = (found.amplitude if sized else found.amplitude_ratio).values
+    spectrum = spectrum.sortby(["frequency_ratio", "amplitude_ratio"])
+    spectrum = spectrum.transpose("amplitude_ratio", "frequency_ratio")
+    about = spectrum.attrs
+    sized = "frequency" in spectrum.coords
+    across = (spectrum.frequency if sized else spectrum.frequency_ratio).values
+    up = (spectrum.amplitude if sized else spectrum.amplitude_ratio).values
     uplift = about["uplift_amplitude"] if sized else 1
     # Amplitudes of 0 have no place on a logarithmic axis.
-    found = found.isel(amplitude_ratio=up > 0)
+    spectrum = spectrum.isel(amplitude_ratio=up > 0)
     up = up[up > 0]
     # A cell around each point, on an axis that is linear and one that is logarithmic.
     sides = _compute_edges(across)
@@ -55,7 +63,7 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
         cells = [
             [(sides[j], levels[i]), (sides[j + 1], levels[i]),
              (sides[j + 1], levels[i + 1]), (sides[j], levels[i + 1])]
-            for i, j in np.argwhere(found.region.values == number)
+            for i, j in np.argwhere(spectrum.region.values == number)
         ]  # fmt: skip
         if cells:
             # An edge of its own colour leaves no gaps between the cells.
@@ -63,12 +71,12 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
             look = {"hatch": hatch, "edgecolor": edge, "linewidth": 0 if hatch else 0.4}
             area = PolyCollection(cells, facecolor=colour, zorder=0, label=label, **look)
             ax.add_collection(area)
-    if (found.region.values == 0).any():
+    if (spectrum.region.values == 0).any():
         white = {"color": "w", "markeredgecolor": "0.6", "markersize": 9}
         ax.plot([], [], "s", **white, label="no steady rocking")
     ax.set_yscale("log")  # before curves are labelled, which leaves gaps of the right length
     ax.set(xlim=(sides[0], sides[-1]), ylim=(levels[0], levels[-1]))
-    ratio = found.rotation_ratio.values
+    ratio = spectrum.rotation_ratio.values
     # Contours need two values along each axis, and warn of levels that are nowhere.
     if min(ratio.shape) > 1 and np.isfinite(ratio).any():
         inside = [x for x in _LEVELS if np.nanmin(ratio) < x < np.nanmax(ratio)]
@@ -77,9 +85,7 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
         ax.plot(
             [], [], color=INK, linewidth=0.9, label=r"rotation ratio $\alpha_{max}/\alpha_c$"
         )
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    tick_decades(ax.yaxis)
     if levels[0] < uplift < levels[-1]:
         ax.axhline(
             uplift, color=NEUTRAL, linestyle="--", linewidth=1.2, label="lifts a block at rest"
@@ -89,13 +95,11 @@ def plot_harmonic(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     numbers = rf"$\lambda$ = {about['slenderness']:g}, $C$ = {about['restitution']:.3g}"
     if sized:
         numbers = rf"$2b$ = {about['width']:.3g} m, $2a$ = {about['height']:.3g} m, {numbers}"
-    ground = {"facecolor": "w", "alpha": 0.8, "linewidth": 0, "pad": 2}
     place = {"transform": ax.transAxes, "ha": "right"}
-    ax.text(0.99, 0.02, numbers, fontsize="small", bbox=ground, **place)
+    ax.text(0.99, 0.02, numbers, fontsize="small", bbox=BACKDROP, **place)
     if sized:
         return label_axes(ax, "frequency of the floor [Hz]", "amplitude of the floor [m/s²]")
-    angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
-    vertical = rf"amplitude ratio $a/(g\,{angle})$ [-]"
+    vertical = write_amplitude_ratio("a", about["model"])
     return label_axes(ax, r"frequency ratio $\omega/p$ [-]", vertical)
 
 

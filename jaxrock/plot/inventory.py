@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from ..risk import describe_need
-from .axes import ACCENT, INK, LINE, label_axes
+from .axes import ACCENT, INK, LINE, QUANTILE, label_axes
 
 _MOST = 60  # objects that are drawn; more would not be read
-_QUANTILE = 1.96  # of the normal distribution, for 95 %
 # Decades that an axis has at least, so that a single object does not fill it.
 _DECADES = 2
 
@@ -46,7 +45,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     rate = shown.rate.values
     rows = np.arange(number)[::-1]
     # One record has no standard error.
-    sampling = _QUANTILE * np.nan_to_num(shown.standard_error.values)
+    sampling = QUANTILE * np.nan_to_num(shown.standard_error.values)
     half = np.hypot(sampling, shown.not_detected.values)
     low, high = _choose_ends(rate, half, target)
     # Marks differ as well as colours, for prints in grey.

@@ -8,12 +8,14 @@ from ..validation import as_name
 from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, get_axes, label_axes
 
 
-def plot_outcome_probabilities(found: OutcomeProbabilities, ax: Axes | None = None) -> Axes:
+def plot_outcome_probabilities(
+    probabilities: OutcomeProbabilities, ax: Axes | None = None
+) -> Axes:
     """Draw the probability of each outcome with its interval, and those under each record.
 
     Parameters
     ----------
-    found : OutcomeProbabilities
+    probabilities : OutcomeProbabilities
         From `jaxrock.sensitivity.outcome_probabilities`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
@@ -24,21 +26,21 @@ def plot_outcome_probabilities(found: OutcomeProbabilities, ax: Axes | None = No
         The axes drawn on.
     """
     ax = get_axes(ax, figsize=(5.6, 2.6))
-    rows = np.arange(len(found.outcomes))[::-1]
-    ax.barh(rows, found.probability, height=0.5, color=LIGHT, label="all samples")
-    records = len(found.by_record)
+    rows = np.arange(len(probabilities.outcomes))[::-1]
+    ax.barh(rows, probabilities.probability, height=0.5, color=LIGHT, label="all samples")
+    records = len(probabilities.by_record)
     if records > 1:
         # Side by side in the width of the bar: many are 0 or 1.
         places = rows[:, None] + np.linspace(-0.2, 0.2, records)
-        points = (found.by_record.T.ravel(), places.ravel())
+        points = (probabilities.by_record.T.ravel(), places.ravel())
         ax.plot(*points, ".", color=NEUTRAL, label="under each record")
     # One line with gaps, and so one entry in the legend.
     gap = np.full(len(rows), np.nan)
-    ends = np.stack([found.low, found.high, gap], axis=1).ravel()
-    label = f"{found.confidence:.0%} interval"
+    ends = np.stack([probabilities.low, probabilities.high, gap], axis=1).ravel()
+    label = f"{probabilities.confidence:.0%} interval"
     ax.plot(ends, np.repeat(rows, 3), "-|", color=INK, markersize=10, label=label)
     # Numbers beside the names: within the axes they would lie on intervals and points.
-    names = zip(found.outcomes, found.probability, strict=True)
+    names = zip(probabilities.outcomes, probabilities.probability, strict=True)
     ax.set_yticks(rows, [f"{outcome}: {probability:.3f}" for outcome, probability in names])
     ax.set_xlim(-0.02, 1.02)
     ax.legend(**ABOVE, ncols=3, fontsize="small")
@@ -46,7 +48,7 @@ def plot_outcome_probabilities(found: OutcomeProbabilities, ax: Axes | None = No
 
 
 def plot_sobol_indices(
-    found: OutcomeProbabilities, answer: str = "peak", ax: Axes | None = None
+    probabilities: OutcomeProbabilities, answer: str = "peak", ax: Axes | None = None
 ) -> Axes:
     """Draw which part of the variance of an answer comes from each parameter.
 
@@ -55,7 +57,7 @@ def plot_sobol_indices(
 
     Parameters
     ----------
-    found, answer : OutcomeProbabilities, str
+    probabilities, answer : OutcomeProbabilities, str
         From `jaxrock.sensitivity.outcome_probabilities`, and one of its answers.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
@@ -70,13 +72,13 @@ def plot_sobol_indices(
     ValueError
         If there is no such answer.
     """
-    answer = as_name("answer", answer, found.answers)
-    ax = get_axes(ax, figsize=(5.0, 1.6 + 0.5 * len(found.sources)))
-    k = found.answers.index(answer)
-    rows = np.arange(len(found.sources))[::-1]
+    answer = as_name("answer", answer, probabilities.answers)
+    ax = get_axes(ax, figsize=(5.0, 1.6 + 0.5 * len(probabilities.sources)))
+    k = probabilities.answers.index(answer)
+    rows = np.arange(len(probabilities.sources))[::-1]
     for kind, shift, colour in (("first", 0.2, LIGHT), ("total", -0.2, INK)):
-        values = np.nan_to_num(getattr(found, kind)[k])
-        errors = np.nan_to_num(getattr(found, f"{kind}_error")[k])
+        values = np.nan_to_num(getattr(probabilities, kind)[k])
+        errors = np.nan_to_num(getattr(probabilities, f"{kind}_error")[k])
         ax.barh(
             rows + shift,
             values,
@@ -87,9 +89,9 @@ def plot_sobol_indices(
             label={"first": "first order", "total": "total"}[kind],
         )
     ax.axvline(0, color=LINE, linewidth=0.8)
-    ax.set_yticks(rows, [describe_parameter(name) for name in found.sources])
+    ax.set_yticks(rows, [describe_parameter(name) for name in probabilities.sources])
     # An answer that does not vary has no indices, which is said where the bars would be.
-    if not np.isfinite(found.first[k]).any():
+    if not np.isfinite(probabilities.first[k]).any():
         ax.text(0.5, 0.5, "does not vary", ha="center", va="center", transform=ax.transAxes)
     # Estimates of an index near 1 have errors that reach beyond it.
     ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.05, ax.get_xlim()[1]))

@@ -4,32 +4,30 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from ..block import SIZES_IN_WORDS, Block
-from ..overturning import UNITS, Boundaries
+from ..block import Block
+from ..overturning import Boundaries
 from ..resonance import Linearized, Nonlinear, critical_intensity
 from ..validation import Number
-from .axes import ABOVE, ACCENT, INK, NEUTRAL, get_axes, label_axes
+from .axes import (
+    ABOVE,
+    ACCENT,
+    INK,
+    NEUTRAL,
+    get_axes,
+    label_axes,
+    tick_decades,
+    write_parameter_label,
+)
 
-_LABELS = {
-    "amplitude": "amplitude of the motion",
-    "duration": "duration of the pulse",
-    "frequency": "frequency of the floor",
-    "factor": "factor on the motion",
-    **SIZES_IN_WORDS,
-    "slenderness": "slenderness at this width",
-    "inertia_ratio": r"inertia ratio $\kappa$",
-    "restitution": "restitution $C$",
-}
 _STANDS = "0.88"
-# Least distance between the labels of two boundaries, as a share of the axis.
+# Least distance between the labels of two boundaries, as a fraction of the axis.
 _LABEL_DISTANCE = 0.025
 _MOST_HALF_CYCLES = 20
 
 
 def plot_boundaries(
-    found: Boundaries,
+    boundaries: Boundaries,
     ends: tuple[float, float],
     ax: Axes | None = None,
     *,
@@ -41,7 +39,7 @@ def plot_boundaries(
 
     Parameters
     ----------
-    found : Boundaries
+    boundaries : Boundaries
         Of one block, from `jaxrock.overturning_boundaries` or one of its relatives.
     ends : tuple of two floats
         First and last of the values that were examined.
@@ -58,24 +56,26 @@ def plot_boundaries(
     Raises
     ------
     ValueError
-        If `found` is of several blocks, or not complete.
+        If `boundaries` is of several blocks, or not complete.
 
     Examples
     --------
     >>> import jaxrock as jr
-    >>> found = jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0))
-    >>> axes = jr.plot.plot_boundaries(found, (0.01, 1.0))
+    >>> boundaries = jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0))
+    >>> axes = jr.plot.plot_boundaries(boundaries, (0.01, 1.0))
     """
-    if np.ndim(found.count):
+    if np.ndim(boundaries.count):
         raise ValueError(
-            f"found must be of one block, got an array of shape {np.shape(found.count)}"
+            f"boundaries must be of one block, got an array of shape {np.shape(boundaries.count)}"
         )
-    if not bool(found.complete):
-        raise ValueError("found must be complete, got an integration that did not finish")
+    if not bool(boundaries.complete):
+        raise ValueError("boundaries must be complete, got an integration that did not finish")
     ax = get_axes(ax, figsize=(8.0, 2.6))
-    values = np.asarray(found.value)
+    values = np.asarray(boundaries.value)
     edges = np.concatenate([[ends[0]], values, [ends[1]]])
-    overturns = np.append(bool(found.overturns_first), np.asarray(found.overturns_beyond))
+    overturns = np.append(
+        bool(boundaries.overturns_first), np.asarray(boundaries.overturns_beyond)
+    )
     # Both in one order in the legend, whichever comes first along the quantity.
     for falls, colour, label in ((False, _STANDS, "stands"), (True, ACCENT, "overturns")):
         spans = [
@@ -88,9 +88,7 @@ def plot_boundaries(
     # Outcomes are as they are with a factor, which is the same on a wide scale as on a small.
     if ends[0] > 0 and ends[1] / ends[0] > 8:
         ax.set_xscale("log")
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.xaxis.set_major_formatter("{x:g}")
-        ax.xaxis.set_minor_formatter(NullFormatter())
+        tick_decades(ax.xaxis)
     ax.set(xlim=_widen_range(ends, uplift, ax.get_xscale() == "log"), ylim=(0, 1))
     if uplift is not None and np.isfinite(uplift):
         line = {"color": INK, "linestyle": "--", "linewidth": 1.4}
@@ -99,9 +97,7 @@ def plot_boundaries(
         _label_values(ax, edges)
     ax.set_yticks([])
     ax.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False, fontsize="small")
-    unit = UNITS.get(found.along, "-").replace("m/s2", "m/s²")
-    label = _LABELS.get(found.along, found.along.replace("_", " "))
-    return label_axes(ax, f"{label} [{unit}]", "", grid="x")
+    return label_axes(ax, write_parameter_label(boundaries.along, varied=True), "", grid="x")
 
 
 def _widen_range(
@@ -112,8 +108,8 @@ def _widen_range(
     low = min(known)
     high = max(known)
     if logarithmic:
-        share = (high / low) ** 0.02
-        return low / share, high * share
+        factor = (high / low) ** 0.02
+        return low / factor, high * factor
     margin = 0.02 * (high - low)
     return low - margin, high + margin
 
@@ -127,7 +123,7 @@ def _label_values(ax: Axes, edges: np.ndarray) -> None:
     seen[[0, -1]] = np.inf
     labelled: list[float] = []
     for k in 1 + np.argsort(-seen, kind="stable"):
-        if any(abs(along[k] - other) < _LABEL_DISTANCE for other in labelled):
+        if any(abs(along[k] - place) < _LABEL_DISTANCE for place in labelled):
             continue
         labelled.append(float(along[k]))
         ax.annotate(
@@ -179,8 +175,8 @@ def plot_critical_intensity(
         (Linearized(), {"color": ACCENT, **circles}),
     )
     for model, look in looks:
-        found = np.asarray(critical_intensity(block, restitution, count, model))
-        ax.plot(count, found, label=model.name, **look)
+        intensities = np.asarray(critical_intensity(block, restitution, count, model))
+        ax.plot(count, intensities, label=model.name, **look)
     limit = float(critical_intensity(block, restitution, np.inf, "nonlinear"))
     line = {"color": INK, "linestyle": ":", "linewidth": 1.2}
     ax.axhline(limit, **line, label=f"pulses without end: {limit:.4g} m/s")

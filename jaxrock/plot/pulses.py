@@ -1,18 +1,14 @@
-"""Pulses: rotation under trains, the search for the worst, boundaries of single ones."""
+"""Pulses: rotation under trains of them, boundaries of overturning by a single one."""
 
 import itertools
 
-import jax.numpy as jnp
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from .. import resonance
-from ..block import Block
-from ..resonance import Linearized, ModelLike, RockingModel, Scene, TrainResponse, WorstTrain
-from ..validation import as_real
+from ..resonance import Linearized, ModelLike, Scene
 from .axes import (
     ACCENT,
     BESIDE,
@@ -21,12 +17,15 @@ from .axes import (
     NEUTRAL,
     RATIO,
     add_level,
+    add_strip_above,
     get_axes,
     label_axes,
+    tick_decades,
+    write_amplitude_ratio,
 )
 
 _POINTS = 600  # of a half-cycle
-_LAST = 1.2  # rotation ratio up to which a block that overturns is followed
+_LAST = 1.2  # rotation ratio up to which a block that overturns is drawn
 _LONGEST = 6.0  # how long a half-cycle is drawn at the end, times p
 
 
@@ -36,7 +35,7 @@ def plot_resonance(
     """Draw the resonance input and, under it, the rotation over time (Fig. 2).
 
     A pulse comes right after every impact. The pulses are on axes of their own, the child of
-    those returned. A block that overturns is followed until then.
+    those returned. A block that overturns is drawn until then.
 
     Parameters
     ----------
@@ -92,79 +91,7 @@ def plot_resonance(
     return _draw_under_pulses(ax, motion, starts.ravel(), pulses, *limit)
 
 
-def plot_train(
-    block: Block,
-    restitution: float,
-    train: WorstTrain,
-    model: ModelLike = Linearized(),
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw the pulses of a worst train and, under them, the rotation over time.
-
-    The pulses are on axes of their own, the child of those returned.
-
-    Parameters
-    ----------
-    block, restitution, train, model : Block, float, WorstTrain, Linearized or Nonlinear
-        What `jaxrock.worst_train` took and found.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The axes drawn on.
-    """
-    model = resonance.as_model(model)
-    times = np.asarray(train.times)
-    response = _compute_train_response(block, restitution, train, model)
-    # The last half-cycle begins at an unknown time: it is over when the rotation has changed
-    # its sign, at the latest so long after the last pulse.
-    launch = response.velocity_ratio[-1] * model.critical_velocity(block)
-    longest = _LONGEST / float(block.frequency_parameter)
-    # The duration is NaN if the block overturns.
-    duration = np.fmin(model.half_cycle_duration(block, launch), longest)
-    rotation, velocity = response.history(times[-1])
-    # A block that falls towards the ground may go higher on the other side.
-    impacts = 2 if float(rotation * velocity) < 0 else 1
-    time, ratio = _sample_rotation(response, times[-1] + impacts * float(duration))
-    later = np.diff(np.sign(ratio), append=0) * (time > times[-1])
-    crossings = np.flatnonzero(later)[:impacts]
-    end = crossings[-1] + 1 if crossings.size == impacts else time.size
-    motion = (time[:end], ratio[:end])
-    pulses = np.asarray(train.intensities)
-    return _draw_under_pulses(ax, motion, times, pulses, 1.0, "critical angle")
-
-
-def plot_convergence(train: WorstTrain, ax: Axes | None = None) -> Axes:
-    """Draw how far each start was from the best train, step by step.
-
-    Parameters
-    ----------
-    train : WorstTrain
-        From `jaxrock.worst_train`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The axes drawn on.
-    """
-    ax = get_axes(ax)
-    reached = train.objectives[np.isfinite(train.objectives)]
-    # Starts that found no train are NaN; if none did, there is nothing to be distant from.
-    better = np.max if train.goal == "most rotation" else np.min
-    best = better(reached) if reached.size else np.nan
-    # A distance of 0 has no place on a logarithmic axis: half of the last digit stands for it.
-    distances = np.maximum(np.abs(train.history / best - 1), 1e-16)
-    ax.semilogy(distances.T, color=INK, alpha=0.5, linewidth=0.9)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))  # of whole steps
-    ax.set_title(f"{len(distances)} starts of the search", fontsize="medium")
-    return label_axes(ax, "step of the descent [-]", "distance from the best, relative [-]")
-
-
-def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
+def plot_overturning_map(boundaries: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw all boundaries of overturning, and what lies between them.
 
     Shaded where the block overturns, hatched where it survives a stronger pulse than one
@@ -172,7 +99,7 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
 
     Parameters
     ----------
-    found : xarray.Dataset
+    boundaries : xarray.Dataset
         From `jaxrock.overturning_map`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
@@ -185,21 +112,23 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
     Examples
     --------
     >>> import jaxrock as jr
-    >>> found = jr.overturning_map(jr.Sine, [4.0], restitution=0.9)
-    >>> axes = jr.plot.plot_overturning_map(found)
+    >>> boundaries = jr.overturning_map(jr.Sine, [4.0], restitution=0.9)
+    >>> axes = jr.plot.plot_overturning_map(boundaries)
     """
     ax = get_axes(ax, figsize=(7.2, 4.4))
-    found = found.sortby("frequency_ratio")
-    ratios = found.frequency_ratio.values
-    edges = found.amplitude_ratio.values
-    about = found.attrs
+    boundaries = boundaries.sortby("frequency_ratio")
+    ratios = boundaries.frequency_ratio.values
+    edges = boundaries.amplitude_ratio.values
+    about = boundaries.attrs
     limits = about["lowest_amplitude_ratio"], about["highest_amplitude_ratio"]
     # Every column reaches halfway to its neighbours.
     step = np.diff(ratios) if ratios.size > 1 else 0.1 * ratios
     step = np.append(step, step[-1])[: ratios.size]
     sides = np.append(ratios[0] - step[0] / 2, ratios + step / 2)
     areas: tuple[list, list] = [], []
-    columns = zip(itertools.pairwise(sides), found.overturns_first.values, edges, strict=True)
+    columns = zip(
+        itertools.pairwise(sides), boundaries.overturns_first.values, edges, strict=True
+    )
     for (left, right), first, column in columns:
         levels = [limits[0], *column[np.isfinite(column)], limits[1]]
         # The outcome changes at every boundary: odd numbers overturn.
@@ -215,7 +144,7 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
             area = PolyCollection(shapes, linewidth=0, zorder=0, edgecolor="0.6")
             ax.add_collection(area).set(**look)
 
-    impacts = np.where(np.isfinite(edges), np.minimum(found.impacts.values, 2), -1)
+    impacts = np.where(np.isfinite(edges), np.minimum(boundaries.impacts.values, 2), -1)
     for number, colour, marker, when in (
         (0, INK, ".", "without an impact"),
         (1, ACCENT, "x", "after one impact"),
@@ -226,55 +155,14 @@ def plot_overturning_map(found: xarray.Dataset, ax: Axes | None = None) -> Axes:
             look = {"color": colour, "markersize": 4, "label": f"boundary: {when}"}
             ax.plot(ratios[row], edges[row, column], marker, **look)
     ax.set_yscale("log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    tick_decades(ax.yaxis, (1.0, 2.0, 3.0, 5.0))
     ax.set(xlim=(sides[0], sides[-1]), ylim=limits)
     numbers = rf"$\lambda$ = {about['slenderness']:g}, $C$ = {about['restitution']:.3g}"
     ax.set_title(f"{about['motion']}, {numbers}", fontsize="medium")
     if ax.get_legend_handles_labels()[0]:
         ax.legend(**BESIDE)
-    angle = r"\alpha_c" if about["model"] == "linearized" else r"\tan\alpha_c"
-    vertical = rf"amplitude ratio $a_p/(g\,{angle})$ [-]"
+    vertical = write_amplitude_ratio("a_p", about["model"])
     return label_axes(ax, r"frequency ratio $\omega_p/p$ [-]", vertical)
-
-
-def add_strip_above(ax: Axes, low: float, high: float) -> Axes:
-    """Make axes over the top of `ax`, which shows `low` to `high` below them."""
-    # The limits of `ax` leave room for the strip, and the ticks end where it begins.
-    share = 0.28  # of the height
-    ax.set_ylim(low, low + (high - low) / (1 - share))
-    ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-high, high)
-    ax.set_yticks([tick for tick in ticks if abs(tick) < high])
-    ax.yaxis.label.set_y((1 - share) / 2)
-    above = ax.inset_axes((0, 1 - share, 1, share), sharex=ax)
-    above.axhline(0, color=LINE, linewidth=0.6)
-    above.tick_params(labelbottom=False)
-    return above
-
-
-def _compute_train_response(
-    block: Block, restitution: float, train: WorstTrain, model: RockingModel
-) -> TrainResponse:
-    """Follow a worst train, with each pulse on its side of the impacts."""
-    pulses = np.asarray(train.intensities)
-    sides = np.sign(pulses[0]) * (-1.0) ** np.cumsum(train.impacts_between)
-    response = resonance.respond_to_train(block, restitution, train.times, pulses, model)
-    if (np.asarray(response.side) == sides)[1:].all():
-        return response
-    # Where the train is followed in other steps than the search did, rounding can ask for a
-    # little more.
-    raised = max(1e-8, 0.01 * float(jnp.finfo(as_real("times", train.times).dtype).eps) ** 0.5)
-    stronger = pulses * (1 + raised)
-    return resonance.respond_to_train(block, restitution, train.times, stronger, model)
-
-
-def _sample_rotation(response: TrainResponse, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sample the rotation ratio up to a time, or until a block that overturns is not drawn."""
-    # With the times of the pulses, at which the velocity jumps.
-    time = np.union1d(np.linspace(0, end, 4 * _POINTS), np.asarray(response.times))
-    angle = float(response.rocker.block.critical_angle)
-    return _drop_after_overturning(time, np.asarray(response.history(time)[0]) / angle)
 
 
 def _drop_after_overturning(

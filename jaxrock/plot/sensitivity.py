@@ -1,7 +1,6 @@
-"""Dependence of an answer on numbers: tornado, maps of slopes, distributions."""
+"""Dependence of an answer on its parameters: tornado, maps of derivatives."""
 
 import textwrap
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import matplotlib
@@ -11,20 +10,18 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, Normalize, SymLogNorm
 from matplotlib.patches import Patch
-from matplotlib.text import Annotation
 from matplotlib.ticker import Locator, LogLocator, MaxNLocator
 
-from ..sensitivity import MomentEstimate, TornadoBars, describe_parameter
+from ..sensitivity import TornadoBars
 from .axes import (
     ABOVE,
-    ACCENT,
     INK,
     LIGHT,
     LINE,
     get_axes,
     label_axes,
     write_label,
-    write_number_label,
+    write_parameter_label,
 )
 
 # Without the darkest colours, on which neither lines nor numbers could be read.
@@ -35,15 +32,14 @@ _NEGATIVE = ListedColormap(_SIGNED(np.linspace(0, 0.5, 255)))
 _MANY_TIMES = 4  # values that differ so much are coloured by their logarithms
 _STEPS = (1.0, 3.0)  # of logarithmic levels: the numbers of closer ones would meet
 _NAME_LENGTH = 28  # letters of a line of a name
-_NEAR = 3  # points between a number and the edge of the axes
 _HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 
 
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
-    """Draw what each number can do to an answer within its range.
+    """Draw what each parameter can do to an answer within its range.
 
     An end at which there is no answer says that the block overturns there. Where it overturns
-    with all numbers unchanged, the line stands beyond the highest answer.
+    with all parameters unchanged, the line stands beyond the highest answer.
 
     Parameters
     ----------
@@ -65,14 +61,16 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     >>> axes = jr.plot.plot_tornado(bars, label="rotation ratio [-]")
     """
     rows = np.arange(len(bars.names))[::-1]
-    names = [_wrap_name(_label_number(name, bars.sides)) for name in bars.names]
+    names = [
+        _wrap_name(write_parameter_label(name, varied=name in ("half_width", *bars.sides)))
+        for name in bars.names
+    ]
     lines = max(name.count("\n") + 1 for name in names)
     # Room for the names of all bars, however many there are.
     ax = get_axes(ax, figsize=(6.4, max(2.4, 1.4 + rows.size * (0.4 + 0.18 * lines))))
     middle = _place_middle(bars)
     lengths = np.nan_to_num([bars.at_low - middle, bars.at_high - middle])
     sides = _choose_sides(lengths)
-    texts = []
     for k, (ends, limits, colour, name) in enumerate(
         (
             (bars.at_low, bars.low, INK, "low"),
@@ -91,7 +89,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
             # On its own side at the end of the bar, else at the middle.
             place = middle + (length if length * side > 0 else 0.0)
             text = f"{limit:.4g}" if np.isfinite(end) else f"{limit:.4g}: overturns"
-            written = ax.annotate(
+            ax.annotate(
                 text,
                 (place, row),
                 (3 * side, 0),
@@ -100,48 +98,17 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
                 va="center",
                 fontsize="small",
             )
-            texts.append(written)
     ax.axvline(middle, color=LINE, linewidth=0.8)
-    title = None if np.isfinite(bars.value) else "it overturns with all numbers unchanged"
+    title = None if np.isfinite(bars.value) else "it overturns with all parameters unchanged"
     ax.legend(**ABOVE, ncols=2, title=title)
     ax.set_yticks(rows, names)
     ax.set_ylim(-0.5, rows.size - 0.5)
     ax.xaxis.set_major_locator(MaxNLocator(6))
-    label_axes(ax, label, "", grid="x")
-    _fit_texts(ax, texts, lines)
-    return ax
-
-
-def _fit_texts(ax: Axes, texts: Sequence[Annotation], lines: int) -> None:
-    """Make numbers as small as the rows ask for, and the axis so wide that they lie within."""
     # Bars would hold the axes to the line; the texts need room on both sides.
     ax.use_sticky_edges = False
-    ax.margins(x=0.05)
-    figure: Any = ax.get_figure(root=True)
-    figure.draw_without_rendering()  # lays out the figure: before, nothing has its size
-    points = 72 / figure.dpi
-    row = ax.get_window_extent().height * points / (ax.get_ylim()[1] - ax.get_ylim()[0])
-    for text, most in [(label, row / lines) for label in ax.get_yticklabels()] + [
-        (text, row) for text in texts
-    ]:
-        text.set_fontsize(min(text.get_fontsize(), 0.7 * most))
-    figure.draw_without_rendering()
-    width = ax.get_window_extent().width
-    low, high = ax.get_xlim()
-    for _ in range(20):  # what makes room for a text makes all bars shorter
-        per_pixel = (high - low) / width
-        needs = [_measure_need(ax, text, per_pixel * _NEAR / points) for text in texts]
-        ends = min(low, *(need[0] for need in needs)), max(high, *(need[1] for need in needs))
-        if ends == (low, high):
-            break
-        low, high = ends
-        ax.set_xlim(low, high)
-
-
-def _measure_need(ax: Axes, text: Annotation, gap: float) -> tuple[float, float]:
-    """Measure from where to where a text reaches along the axis, with a gap on both sides."""
-    box = text.get_window_extent().transformed(ax.transData.inverted())
-    return box.x0 - gap, box.x1 + gap
+    overturns = not np.isfinite([bars.at_low, bars.at_high]).all()
+    ax.margins(x=0.6 if overturns else 0.3)
+    return label_axes(ax, label, "", grid="x")
 
 
 def _place_middle(bars: TornadoBars) -> float:
@@ -176,24 +143,16 @@ def _choose_sides(lengths: np.ndarray) -> np.ndarray:
     )
 
 
-def _label_number(name: str, sides: Sequence[str]) -> str:
-    """Label a number; of a size also what stays as it is where it is changed."""
-    symbols = {"width": "2b", "height": "2a", "half_width": "b"}
-    if name == "half_width" or (name in sides and name in symbols):
-        return f"{describe_parameter(name)}, ${symbols[name]}$ [m]"
-    return write_number_label(name)
-
-
 def _wrap_name(name: str) -> str:
-    """Wrap the name of a number, with its unit on the last line of the name."""
+    """Wrap the name of a parameter, with its unit on the last line of the name."""
     kept = textwrap.fill(name.replace(" [", "\N{NO-BREAK SPACE}["), _NAME_LENGTH)
     return kept.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def plot_sensitivity_map(
-    slopes: xarray.DataArray, ax: Axes | None = None, limit: float | None = None
+    sensitivities: xarray.DataArray, ax: Axes | None = None, limit: float | None = None
 ) -> Axes:
-    """Draw a slope or an elasticity over two numbers, its sign by colour.
+    """Draw a derivative or an elasticity over two parameters, its sign by colour.
 
     Where both signs occur, white and the thick line are zero, and contours below it are
     dashed. Values of one sign go from pale to dark, by their logarithms where they differ
@@ -202,7 +161,7 @@ def plot_sensitivity_map(
 
     Parameters
     ----------
-    slopes : xarray.DataArray
+    sensitivities : xarray.DataArray
         With two dimensions, the second one the horizontal axis.
     limit : float, optional
         End of the colours on both sides of 0, so that several maps share them. By default at
@@ -221,11 +180,11 @@ def plot_sensitivity_map(
     ValueError
         If there are not two dimensions.
     """
-    if slopes.ndim != 2:
-        raise ValueError(f"slopes must have two dimensions, got {slopes.dims}")
+    if sensitivities.ndim != 2:
+        raise ValueError(f"sensitivities must have two dimensions, got {sensitivities.dims}")
     ax = get_axes(ax)
-    vertical, horizontal = (slopes[name] for name in slopes.dims)
-    values = slopes.values
+    vertical, horizontal = (sensitivities[name] for name in sensitivities.dims)
+    values = sensitivities.values
     finite = values[np.isfinite(values)]
     chosen = _choose_colours(finite, limit)
     grid = (horizontal.values, vertical.values, values)
@@ -244,8 +203,10 @@ def plot_sensitivity_map(
         patch = Patch(label="no value: overturns")
         patch.set(**_HATCHED)
         ax.legend(handles=[patch], loc="upper right", framealpha=1, fontsize="small")
-    # A slope may bear the name of its answer, whose label would hide the long name.
-    titled = slopes.rename(None) if "long_name" in slopes.attrs else slopes
+    # A derivative may bear the name of its answer, whose label would hide the long name.
+    titled = (
+        sensitivities.rename(None) if "long_name" in sensitivities.attrs else sensitivities
+    )
     below = bool((finite < chosen.low).any())
     above = bool((finite > chosen.high).any())
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
@@ -278,7 +239,7 @@ def _choose_colours(finite: np.ndarray, limit: float | None) -> _Colours:
             middle, most = np.quantile(abs(finite), (0.5, 0.95)).tolist()
             # Half of the values must not be as pale as 0.
             limit = min(most, _MANY_TIMES * middle) or most
-        limit = limit or 1.0  # all slopes NaN or 0 make no range of colours
+        limit = limit or 1.0  # all derivatives NaN or 0 make no range of colours
         range_ = Normalize(-limit, limit)
         locator = MaxNLocator(9, symmetric=True)
         return _Colours(range_, _SIGNED, -limit, limit, _list_levels(locator, -limit, limit))
@@ -299,99 +260,3 @@ def _choose_colours(finite: np.ndarray, limit: float | None) -> _Colours:
 def _list_levels(locator: Locator, low: float, high: float) -> list[float]:
     """List the levels within a range; beyond it contours lie too close for numbers."""
     return [x for x in np.asarray(locator.tick_values(low, high)).tolist() if low <= x <= high]
-
-
-def plot_distribution(
-    samples: np.ndarray,
-    moments: MomentEstimate | None = None,
-    ax: Axes | None = None,
-    label: str = "answer",
-) -> Axes:
-    """Draw the distribution of an answer.
-
-    Parameters
-    ----------
-    samples, label : ndarray, shape (samples,), str
-        From `jaxrock.sensitivity.monte_carlo`, NaN where there is no answer; the name of the
-        answer, with its unit.
-    moments : MomentEstimate, optional
-        From `jaxrock.sensitivity.propagate`: adds the normal distributions of both orders.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The axes drawn on.
-
-    Raises
-    ------
-    ValueError
-        If no sample has an answer.
-
-    Examples
-    --------
-    >>> import jaxrock as jr, numpy as np
-    >>> axes = jr.plot.plot_distribution(np.array([0.1, 0.2, 0.3]), label="rotation [rad]")
-    """
-    samples = np.asarray(samples)
-    finite = samples[np.isfinite(samples)]
-    if not finite.size:
-        raise ValueError("samples must have at least one answer")
-    ax = get_axes(ax)
-    # From 10 bins on, more with the samples; beyond 60 they only get rough.
-    edges = np.histogram_bin_edges(finite, bins=min(60, 10 + finite.size // 50))
-    heights = np.histogram(finite, edges)[0] / samples.size
-    ax.stairs(heights, edges, fill=True, color="0.8", label=f"{samples.size:,} samples")
-    if moments is not None:
-        place = np.linspace(edges[0], edges[-1], 400)
-        first = moments.first_order_mean, moments.first_order_standard_deviation
-        second = moments.mean, moments.standard_deviation
-        for (mean, deviation), look, colour, name in (
-            (first, ":", ACCENT, "first"),
-            (second, "-", INK, "second"),
-        ):
-            if deviation > 0:
-                height = np.exp(-0.5 * ((place - mean) / deviation) ** 2) / np.sqrt(2 * np.pi)
-                height *= (edges[1] - edges[0]) / deviation
-                ax.plot(place, height, look, color=colour, label=f"normal, {name} order")
-        if not moments.within_tolerance:
-            ax.set_title("neither order is within tolerance", fontsize="medium")
-    if finite.size < samples.size:
-        missing = 100 * (1 - finite.size / samples.size)
-        ax.plot([], [], " ", label=f"{missing:.1f} % without an answer")
-    ax.set_ylim(bottom=0)
-    ax.legend(frameon=False)
-    return label_axes(ax, label, "fraction of samples in a bin [-]")
-
-
-def plot_variance_fractions(moments: MomentEstimate, ax: Axes | None = None) -> Axes:
-    """Draw which fraction of the variance of an answer comes from which parameter.
-
-    Parameters
-    ----------
-    moments : MomentEstimate
-        From `jaxrock.sensitivity.propagate`.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The axes drawn on.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
-    >>> uncertain = jr.Uncertain({"intensity": 0.1, "restitution": 0.05})
-    >>> moments = jr.sensitivity.propagate(jr.rotation_ratio, wall, uncertain)
-    >>> axes = jr.plot.plot_variance_fractions(moments)
-    """
-    ax = get_axes(ax, figsize=(5.0, 1.2 + 0.4 * len(moments.variance_fractions)))
-    fractions = sorted(moments.variance_fractions.items(), key=lambda pair: pair[1])
-    names = [describe_parameter(name) for name, _ in fractions]
-    bars = ax.barh(names, [100 * fraction for _, fraction in fractions], color=INK)
-    ax.bar_label(bars, fmt=" {:.1f}", fontsize="small")
-    ax.set_xlim(0, 110)
-    return label_axes(ax, "fraction of the variance, first order [%]", "", grid="x")

@@ -15,11 +15,21 @@ from matplotlib.lines import Line2D
 
 from ..block import Block
 from ..resonance import critical_slenderness
-from .axes import BESIDE, CURVES, LINE, NEUTRAL, POINTS, get_axes, label_axes, write_label
+from .axes import (
+    BACKDROP,
+    BESIDE,
+    CURVES,
+    LINE,
+    NEUTRAL,
+    POINTS,
+    get_axes,
+    label_axes,
+    write_label,
+)
 
 _Data = TypeVar("_Data", xarray.DataArray, xarray.Dataset)
 _POINTS = 500  # of a curve; more lie closer together than the width of its line
-# Least distance of two thresholds that are written, as a share of the axis.
+# Least distance of two thresholds that are written, as a fraction of the axis.
 _LABEL_DISTANCE = 0.14
 # What is counted where not all values of a dimension are drawn.
 _COUNTED = {
@@ -98,15 +108,15 @@ def plot_curves(
         if limit > x[last][-1] and variable.name != "period":
             # Close to the threshold the ratio lacks of 1 the square root of what the
             # slenderness lacks of the threshold: the parabola that is drawn here.
-            rest = np.linspace(0, 1, 30)[::-1]
+            remaining = np.linspace(0, 1, 30)[::-1]
             k = int(np.flatnonzero(last)[-1])
-            missing = limit - (limit - x[k]) * rest**2, 1 - (1 - y[k]) * rest
+            missing = limit - (limit - x[k]) * remaining**2, 1 - (1 - y[k]) * remaining
             line.set_data(*np.hstack([(x[: k + 1], y[: k + 1]), missing]))
             ends = [limit], [1.0]
         least = _LABEL_DISTANCE * (x[-1] - x[0])
         # Beside an end of the axis the text keeps within it.
         place = float(np.clip(limit, x[0] + least / 2, x[-1] - least / 2))
-        if limit > x[last][-1] and all(abs(place - other) > least for other in written):
+        if limit > x[last][-1] and all(abs(place - taken) > least for taken in written):
             written.append(place)
             # As the report on the paper rounds it. By points, since an axis may be of seconds.
             ax.annotate(
@@ -132,7 +142,7 @@ def plot_curves(
 
 
 def _write_fallen(ax: Axes, curves: list[_Curve]) -> bool:
-    """Write into a panel which curves have no value; tell whether none has any."""
+    """Write into a panel which curves have no value; return whether none has any."""
     fallen = [
         str(curve.line.get_label()) for curve in curves if not np.isfinite(curve.y).any()
     ]
@@ -141,9 +151,8 @@ def _write_fallen(ax: Axes, curves: list[_Curve]) -> bool:
         levels = "all" if empty else textwrap.fill(", ".join(fallen), 20)
         # At the foot, where curves of ratios are rarely: they rise to the right.
         place = {"transform": ax.transAxes, "ha": "right", "va": "bottom"}
-        ground = {"facecolor": "w", "alpha": 0.8, "linewidth": 0, "pad": 2}
         text = f"overturn throughout:\n{levels}"
-        ax.text(0.98, 0.03, text, fontsize="small", color=LINE, bbox=ground, **place)
+        ax.text(0.98, 0.03, text, fontsize="small", color=LINE, bbox=BACKDROP, **place)
     return empty
 
 
@@ -243,35 +252,8 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     return _draw_panels(spectrum[variable], draw, (3.2, 3.0), **most)
 
 
-def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw peak rotation over the period 2 pi / p, a curve for each slenderness.
-
-    Where the block overturns there is a bar at the top instead, in the order of the legend.
-
-    Parameters
-    ----------
-    spectrum : xarray.Dataset
-        From `jaxrock.rocking_spectrum`, for one restitution or Housner's: for example
-        ``spectrum.sel(restitution=0.9)``.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw on; new ones by default.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        The axes drawn on.
-
-    Raises
-    ------
-    ValueError
-        If there are several restitutions.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> spectrum = jr.rocking_spectrum(jr.Sine(4.0, 0.5), [2.0, 4.0], slenderness=5.0)
-    >>> axes = jr.plot.plot_rocking_curves(spectrum)
-    """
+def _draw_rocking_curves(spectrum: xarray.Dataset, ax: Axes) -> None:
+    """Draw the panel of one restitution, or Housner's, with a curve for each slenderness."""
     standing = spectrum.rotation_ratio.where(spectrum.overturned == 0)
     ax, curves = _draw_curves(standing, hue="slenderness", along="period", ax=ax)
     for k, (_, colour, _, x, y) in enumerate(curves):
@@ -306,15 +288,14 @@ def plot_rocking_curves(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axe
     ax.set_title(
         f"{title}, {record} scaled by {spectrum.attrs.get('scale', 1):g}" if record else title
     )
-    return ax
 
 
 def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     """Draw peak rotation over the period 2 pi / p, a panel for each restitution.
 
-    Of more values than can be told apart (4 panels, 5 curves) some are drawn, evenly
-    chosen, and a line at the foot says how many of how many. `plot_rocking_curves` draws a
-    single panel.
+    A curve for each slenderness; where the block overturns there is a bar at the top instead,
+    in the order of the legend. Of more values than can be told apart (4 panels, 5 curves) some
+    are drawn, evenly chosen, and a line at the foot says how many of how many.
 
     Parameters
     ----------
@@ -332,7 +313,7 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     >>> figure = jr.plot.plot_rocking_spectrum(spectrum)
     """
     return _draw_panels(
-        spectrum, plot_rocking_curves, (4.0, 3.6), slenderness=5, restitution=4
+        spectrum, _draw_rocking_curves, (4.0, 3.6), slenderness=5, restitution=4
     )
 
 

@@ -45,32 +45,15 @@ _ROWS = (
     ("critical intensity, in half-cycles", ""),
     *((f"{count} [m/s]", f"critical_intensity.{count}") for count in _HALF_CYCLES),
 )
-_DERIVATIVE = "derivative of the rotation ratio with respect to"
-_ELASTICITY = "elasticity of the rotation ratio with respect to"
-_ROWS_BY_SHAPE = (
-    (_DERIVATIVE, ""),
-    ("restitution C [-]", "derivatives.restitution"),
-    ("slenderness at this width [-]", "derivatives.slenderness"),
-    (f"{SIZES_IN_WORDS['half_width']} [1/m]", "derivatives.half_width"),
-    ("intensity I [s/m]", "derivatives.intensity"),
-    (_ELASTICITY, ""),
-    ("restitution C [-]", "elasticities.restitution"),
-    ("slenderness at this width [-]", "elasticities.slenderness"),
-    (f"{SIZES_IN_WORDS['half_width']} [-]", "elasticities.half_width"),
-    ("intensity I [-]", "elasticities.intensity"),
-)
-_ROWS_BY_SIDES = (
-    (_DERIVATIVE, ""),
-    ("restitution C [-]", "derivatives.restitution"),
-    (f"{SIZES_IN_WORDS['width']} [1/m]", "derivatives.width_at_this_height"),
-    (f"{SIZES_IN_WORDS['height']} [1/m]", "derivatives.height_at_this_width"),
-    ("intensity I [s/m]", "derivatives.intensity"),
-    (_ELASTICITY, ""),
-    ("restitution C [-]", "elasticities.restitution"),
-    (f"{SIZES_IN_WORDS['width']} [-]", "elasticities.width_at_this_height"),
-    (f"{SIZES_IN_WORDS['height']} [-]", "elasticities.height_at_this_width"),
-    ("intensity I [-]", "elasticities.intensity"),
-)
+# Sizes of a block, by which the answers are differentiated: labels, and units of derivatives.
+_SHAPE = {
+    "slenderness": ("slenderness at this width", "-"),
+    "half_width": (SIZES_IN_WORDS["half_width"], "1/m"),
+}
+_SIDES = {
+    "width_at_this_height": (SIZES_IN_WORDS["width"], "1/m"),
+    "height_at_this_width": (SIZES_IN_WORDS["height"], "1/m"),
+}
 
 
 def assess(scene: Scene, tolerance: float | None = None) -> Answers:
@@ -86,8 +69,8 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     Returns
     -------
     dict
-        Nested, of numbers, NaN where a quantity does not exist: ``scene``, which the models
-        share, ``models`` with the answers of each, ``linearization_error``, the ratio of
+        Nested, of numbers, NaN where a quantity does not exist: ``scene``, the same for
+        the models, ``models`` with the answers of each, ``linearization_error``, the ratio of
         `Linearized` to `Nonlinear` less 1, and with a tolerance ``choice``, also of text.
 
     Raises
@@ -156,7 +139,7 @@ def _compile_programs(scene: Scene) -> list[Callable[[Scene], Answers]]:
 
 
 def _describe_scene(scene: Scene) -> Answers:
-    """Collect what both models share: the block, its impacts, its velocities after pulses."""
+    """Collect what the models have in common: the block, impacts, velocities after pulses."""
     block = scene.block
     names = (
         "slenderness",
@@ -180,19 +163,19 @@ def _describe_scene(scene: Scene) -> Answers:
 def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
     """Compute the answers of one model, NaN where a quantity does not exist."""
     block = scene.block
-    ratio, slopes = jax.value_and_grad(resonance.rotation_ratio)(scene, model)
+    ratio, gradient = jax.value_and_grad(resonance.rotation_ratio)(scene, model)
     margin = resonance.overturning_margin(scene, model)
     derivatives = {}
     elasticities = {}
     for name in _PARAMETERS:
-        # A parameter belongs to the scene or to its block; the slopes are a scene as well.
-        value, slope = (
+        # A parameter belongs to the scene or to its block; the gradient is a scene as well.
+        value, derivative = (
             getattr(tree if hasattr(tree, name) else tree.block, name)
-            for tree in (scene, slopes)
+            for tree in (scene, gradient)
         )
         # Beyond the overturning threshold the ratio is NaN, and its derivative 0 by
         # convention.
-        derivatives[name] = jnp.where(margin > 0, slope, jnp.nan)
+        derivatives[name] = jnp.where(margin > 0, derivative, jnp.nan)
         elasticities[name] = derivatives[name] * value / ratio
     # The sides are w = 2 b and h = lambda w. With a wider base at this height the slenderness
     # falls, and with more height at this width only the slenderness grows.
@@ -243,8 +226,8 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
     result : dict
         From `assess`.
     by_sides : bool
-        Whether sensitivities are to width and height, each while the other stays, instead of
-        to half-width and slenderness.
+        Whether sensitivities are with respect to width and height, each while the other
+        stays, instead of half-width and slenderness.
 
     Returns
     -------
@@ -252,7 +235,7 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
     """
     scene = result["scene"]
     models = result["models"]
-    # What the models share stands in the first column only.
+    # What the models have in common stands in the first column only.
     columns = ({"scene": scene} | models["linearized"], models["nonlinear"])
     *columns, errors = map(_flatten, (*columns, result["linearization_error"]))
     # Only of a rectangle the height is known; of another body, the centre of mass.
@@ -267,7 +250,7 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
         f" pulses of {scene['intensity']:.6g} m/s",
         "",
     ]
-    for label, place in _ROWS + (_ROWS_BY_SIDES if by_sides else _ROWS_BY_SHAPE):
+    for label, place in (*_ROWS, *_list_sensitivity_rows(by_sides)):
         line = f"  {label:36}" if place else label
         for number in (column[place] for column in columns if place in column):
             never = place == "overturning_half_cycle" and math.isinf(number)
@@ -280,14 +263,31 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
     half_cycle = models["nonlinear"]["overturning_half_cycle"]
     verdict = f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
     if math.isinf(half_cycle):
-        share = 100 * models["nonlinear"]["stabilized"]["rotation_ratio"]
+        percentage = 100 * models["nonlinear"]["stabilized"]["rotation_ratio"]
         verdict = (
-            f"Stands (nonlinear): the rocking settles at {share:.3g} % of the critical angle."
+            f"Stands (nonlinear): the rocking settles at {percentage:.3g} % of the critical"
+            " angle."
         )
     lines += ["", verdict]
     if "choice" in result:
         lines += ["", f"To {result['choice']['tolerance']:g}: {result['choice']['reason']}"]
     return "\n".join(lines)
+
+
+def _list_sensitivity_rows(by_sides: bool) -> list[tuple[str, str]]:
+    """List the rows of derivatives and elasticities, as those of `_ROWS`."""
+    parameters = {
+        "restitution": ("restitution C", "-"),
+        **(_SIDES if by_sides else _SHAPE),
+        "intensity": ("intensity I", "s/m"),
+    }
+    rows = [("derivative of the rotation ratio with respect to", "")]
+    rows += [
+        (f"{label} [{unit}]", f"derivatives.{n}") for n, (label, unit) in parameters.items()
+    ]
+    rows.append(("elasticity of the rotation ratio with respect to", ""))
+    rows += [(f"{label} [-]", f"elasticities.{n}") for n, (label, _) in parameters.items()]
+    return rows
 
 
 def _flatten(nested: Answers) -> dict[str, float]:

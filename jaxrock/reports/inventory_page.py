@@ -190,8 +190,8 @@ def list_remarks(dataset: "xarray.Dataset") -> list[str]:
             names_by_remark.setdefault(remark, []).append(name)
         if math.isinf(float(assessed.required_width)):
             reasons.append(f"{name}: {assessed.required_width_reason.values}")
-    shared = [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]
-    return [*reasons, *shared]
+    remarks = [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]
+    return [*reasons, *remarks]
 
 
 def _write_notes(dataset: "xarray.Dataset") -> str:

@@ -82,13 +82,17 @@ class Report:
         """Disagreements that are no known faults, and known faults that do not show."""
         # Both ways: a fault that does not show any more would be a change of the answers.
         entries = [
-            f"Table {e.table}, {e.quantity}, {e.row}, {e.column}:"
-            f" printed {e.printed}, computed {e.computed:.6g}"
-            for e in self.entries
-            if e.agrees == bool(e.fault)
+            f"Table {entry.table}, {entry.quantity}, {entry.row}, {entry.column}:"
+            f" printed {entry.printed}, computed {entry.computed:.6g}"
+            for entry in self.entries
+            if entry.agrees == bool(entry.fault)
         ]
-        findings = [f for f in (*self.claims, *self.faults) if not f.valid]
-        return entries + [f"{f.where}: {f.statement} ({f.figure})" for f in findings]
+        findings = [
+            f"{finding.where}: {finding.statement} ({finding.figure})"
+            for finding in (*self.claims, *self.faults)
+            if not finding.valid
+        ]
+        return entries + findings
 
     def count(self) -> dict[str, object]:
         """Count what was compared, and list the mismatches."""
@@ -193,7 +197,7 @@ def write(report: Report, folder: Path) -> None:
     for name, (title, draw) in drawings.items():
         figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
         draw(ax=ax)
-        ax.set_title(f"Fig. {name.removeprefix('figure_')}: {title}")
+        ax.set_title(f"{_name_figure(name)}: {title}")
         figure.savefig(folder / f"{name}.png", dpi=150)
         # pyplot keeps every figure until it is closed.
         plt.close(figure)
@@ -216,13 +220,15 @@ def _find_thresholds(variable: "xarray.DataArray") -> "xarray.DataArray | None":
 
 
 def summarize(report: Report) -> str:
-    """Say what agrees, in a sentence."""
+    """Summarize in a sentence what agrees."""
+    agreeing = sum(entry.agrees for entry in report.entries)
     known = sum(bool(entry.fault) for entry in report.entries)
+    claims = sum(claim.valid for claim in report.claims)
+    faults = sum(fault.valid for fault in report.faults)
     return (
-        f"{sum(entry.agrees for entry in report.entries)} of {len(report.entries)} printed"
-        f" numbers agree to the digits printed ({known} known to be wrong),"
-        f" {sum(c.valid for c in report.claims)} of {len(report.claims)} claims hold,"
-        f" {sum(f.valid for f in report.faults)} of {len(report.faults)} known faults reproduced."
+        f"{agreeing} of {len(report.entries)} printed numbers agree to the digits printed"
+        f" ({known} known to be wrong), {claims} of {len(report.claims)} claims hold,"
+        f" {faults} of {len(report.faults)} known faults reproduced."
     )
 
 
@@ -235,7 +241,13 @@ def _write_markdown(report: Report, titles: Mapping[str, str]) -> str:
     for title, verdict in (("Claims", "valid"), ("Faults", "reproduced")):
         findings = getattr(report, title.lower())
         rows = [
-            (f.where, f.statement, "yes" if f.valid else "**no**", f.figure) for f in findings
+            (
+                finding.where,
+                finding.statement,
+                "yes" if finding.valid else "**no**",
+                finding.figure,
+            )
+            for finding in findings
         ]
         lines += [
             f"## {title}",
@@ -250,14 +262,19 @@ def _write_markdown(report: Report, titles: Mapping[str, str]) -> str:
         lines += [f"## Table {table}", "", same, "", *_write_markdown_table(shown, rows), ""]
     lines.append("## Figures")
     for name, title in titles.items():
-        lines += ["", f"![Fig. {name.removeprefix('figure_')}, {title}]({name}.png)"]
+        lines += ["", f"![{_name_figure(name)}, {title}]({name}.png)"]
     return "\n".join(lines) + "\n"
+
+
+def _name_figure(name: str) -> str:
+    """Name a figure as the paper does, such as Fig. 4a, by the name of its file."""
+    return f"Fig. {name.removeprefix('figure_')}"
 
 
 def _write_markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Write the lines of a table in Markdown."""
-    first, *others = (f"| {' | '.join(cells)} |" for cells in (header, *rows))
-    return [first, "|" + "---|" * len(header), *others]
+    head, *lines = (f"| {' | '.join(cells)} |" for cells in (header, *rows))
+    return [head, "|" + "---|" * len(header), *lines]
 
 
 def _write_cells(entry: Entry) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Numbers of the paper, computed: those that it prints and those that its claims are about.
 
 C. Casapulla, On the Resonance Conditions of Rigid Rocking Blocks. Numbers bear the names by
-which ``data/paper.json`` asks for them. Shares and changes are in percent; a pair of numbers
+which ``data/paper.json`` asks for them. Fractions and changes are in percent; a pair of numbers
 is the least and the largest.
 """
 
@@ -112,7 +112,7 @@ def _compute_spectrum_claims() -> dict[str, object]:
     )
     of_08 = upward.period.sel(width=0.8).values
     growth = (at_08.amplification / at_05.amplification)[0]
-    by_size = (each.amplification.sel(slenderness=4.0).values for each in (at_05, at_08))
+    by_size = (part.amplification.sel(slenderness=4.0).values for part in (at_05, at_08))
     # In closed form, as Fig. 8 has them: a grid would end up to a step before them.
     limits = resonance.critical_slenderness(Block(_WIDTHS / 2, 1.0), 0.8, INTENSITY)
     highest = float(spectrum.amplification.sel(slenderness=4.0, width=1.2, restitution=0.85))
@@ -126,13 +126,14 @@ def _compute_spectrum_claims() -> dict[str, object]:
         "period_slender": of_08[-1, [0, -1]],
         "amplification_growth": _find_range(growth),
         "amplification_and_slenderness": 100 * (zeta[-1] / zeta[0] - 1).max(),
-        "amplification_and_size": [100 * np.ptp(each) / each.min() for each in by_size],
+        "amplification_and_size": [100 * np.ptp(zeta) / zeta.min() for zeta in by_size],
         "margin": _find_range(at_06.overturning_margin),
         "limits": limits,
         "ratio_by_slenderness": _find_range_of_steps(ratio, 0),
         "ratio_by_size": _find_range_of_steps(ratio, 1),
         "ratio_by_restitution": _find_range_of_steps(upward.rotation_ratio.sel(width=1.2), 1),
-        # The exponent of a power law is the slope in logarithms.
+        # The exponent of a power law is the derivative of one logarithm with respect to the
+        # other.
         "ratio_power": _find_range(
             np.gradient(np.log(ratio), np.log(_SLENDERNESS), axis=0, edge_order=2)
         ),
@@ -153,7 +154,7 @@ def _compute_map_claims() -> dict[str, object]:
     first, last = np.asarray(_LINEARIZED.peak_rotation(scene.block, velocity))
     return {
         "sums": (printed, recursion),
-        "sum_share": (printed / recursion, fifth / recursion),
+        "sum_fraction": (printed / recursion, fifth / recursion),
         "settled": settled,
         "overturns": resonance.overturning_half_cycle(scene),
         "last_amplification": last / first,
@@ -189,7 +190,7 @@ def _compute_linearization_claims() -> dict[str, object]:
     return {
         "short_peak": _find_range(peak[:-1]),
         "short_duration": _find_range(time[:-1]),
-        "at_the_verge": (peak[-1], time[-1], 100 * (critical / true - 1)),
+        "at_the_threshold": (peak[-1], time[-1], 100 * (critical / true - 1)),
     }
 
 

@@ -17,6 +17,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from tools import conformance
+
 import jaxrock as jr
 from jaxrock import resonance
 from jaxrock.block import Block
@@ -24,7 +29,6 @@ from jaxrock.driven import respond, respond_batch, uplift_acceleration
 from jaxrock.ground_motion import PULSES, HalfSine, Motion, Pulse, Record, Ricker, Sine
 from jaxrock.impact import housner_restitution
 from jaxrock.overturning import critical_amplitude, overturning_boundaries
-from jaxrock.reports import conformance
 from jaxrock.reports.paper import read_printed_tables
 from jaxrock.resonance import Linearized, Nonlinear, RockingModel, Scene
 
@@ -63,7 +67,9 @@ NABESHIMA = (
     "2:9: V_c = 2 sin(alpha_c / 2) sqrt(4 g R / 3) / (cos(alpha_c) (1 + C))"
 )
 _CONVERGED = "adaptive Runge-Kutta pairs at rtol 1e-11 and Taylor polynomials at rtol 1e-13"
-_BOUNDARY = "zero of the margin by Taylor polynomials at rtol 1e-9, spread to that at 1e-13"
+_BOUNDARY = (
+    "zero of the margin by Taylor polynomials at rtol 1e-9, difference from that at 1e-13"
+)
 _AROUND = np.array([1 - 1e-5, 1 + 1e-5])
 
 Row = dict[str, Any]
@@ -266,7 +272,7 @@ def _thresholds(_: Motions) -> Iterator[Row]:
         source = f"{HOUSNER}, Eq. 9: a_p / (g alpha_c) = 1 / (1 - exp(-p T))"
         value = 9.81 * float(block.critical_angle) / -math.expm1(-p_duration)
         exact = {"from": "closed form", "source": source, "relative": 1e-8}
-        yield row | exact | {"value": value, "spread": None}
+        yield row | exact | {"value": value, "difference": None}
     block, c = Block(0.2, 3.0), float(housner_restitution(Block(0.2, 3.0)))
     growing = (
         f"{MAKRIS}, Eq. 27: (w/p) sin(psi) - cos(psi) = exp(-(p/w) (pi - psi)), a_p = g alpha_c "
@@ -284,7 +290,7 @@ def _thresholds(_: Motions) -> Iterator[Row]:
         "id": "half-sine-published",
         "value": 0.5545 * 9.81,
         "relative": 1e-3,
-        "spread": None,
+        "difference": None,
         "from": "published",
         "source": f"{MAKRIS}: 0.5535 g stands, 0.5545 g overturns; three digits",
     }
@@ -348,7 +354,7 @@ def _windows(_: Motions) -> Iterator[Row]:
         "id": "sine-published",
         "value": 0.4514 * 9.81,
         "relative": 1e-3,
-        "spread": None,
+        "difference": None,
         "from": "published",
         "source": f"{MAKRIS}: 0.4513 g stands, 0.4514 g overturns; three digits",
     }
@@ -409,7 +415,7 @@ def _amplitudes(
                 low=between[k],
                 high=between[k + 1],
                 relative=_PULSE,
-                spread=abs(_zero(near, margins) - values[k]),
+                difference=abs(_zero(near, margins) - values[k]),
                 from_="converged",
                 source=_BOUNDARY,
             )
@@ -634,7 +640,7 @@ def _driven(
             initial_velocity=start[1] if start else 0.0,
             time=time,
             relative=0.0 if counted else _RECORD if record else _PULSE,
-            spread=abs(second - value),
+            difference=abs(second - value),
             from_="converged",
             source=how,
             **strength,
@@ -757,7 +763,7 @@ def _critical_scale(block: Block, c: float, motion: Record, file: str) -> Row:
         low=value * 0.98,
         high=value * 1.02,
         relative=_RECORD,
-        spread=abs(_zero(value * _AROUND, margins) - value),
+        difference=abs(_zero(value * _AROUND, margins) - value),
         from_="converged",
         source=_BOUNDARY,
     )
@@ -856,7 +862,7 @@ def _slopes(
     rest: dict[str, Any],
     how: str,
 ) -> Iterator[Row]:
-    """A row for the derivative to each of the numbers; the spread is from differences."""
+    """A row for the derivative with respect to each parameter, beside extrapolated differences."""
     numbers = jnp.asarray(list(at.values()))
     slopes = np.asarray(jax.jacfwd(lambda numbers: answer(*numbers))(numbers))
     block = Block(at.get("half_width", _SLIM[0]), at.get("slenderness", _SLIM[1]))
@@ -879,9 +885,9 @@ def _slopes(
                 "initial_velocity": 0.0,
                 "variable": variable,
                 "relative": _SLOPE,
-                "spread": abs(float(np.dot(central, [1, -20, 64]) / 45 - slopes[k])),
+                "difference": abs(float(np.dot(central, [1, -20, 64]) / 45 - slopes[k])),
                 "from": "converged",
-                "source": f"{how}; spread to extrapolated differences",
+                "source": f"{how}; difference from extrapolated differences",
             }
             | {
                 key: number

@@ -1,25 +1,16 @@
-"""Cases by which other programs can be checked against the answers of this one.
+"""The conformance table as files: ``python tests/tools/conformance.py FOLDER`` writes it.
 
-`write` puts into a folder ``cases.json``: a header that explains itself in words and formulas
-(``version``, ``conventions``, ``equations``, ``inputs``, ``quantities``, ``fields``) and the
-list ``cases``; ``cases.csv``: the same cases, one a line, empty where the JSON has null; and
-the ground motions that have no formula: ``time_s,acceleration_m_per_s2`` and, where there is
-one, ``vertical_m_per_s2``.
-
-A program computes the ``quantity`` of each case from its other fields alone (with a
-``variable``, the derivative with respect to that field) and is right within
-``absolute + relative * abs(value)`` of the ``value``. ``from`` says how much a value is worth:
-a closed form, converged integrations, which ``spread`` tells apart, or a number printed in a
-publication. ``tests/references/conformance_with_scipy.py`` is such a program: it does not
-import this package.
-
-The values are frozen, so that they also judge the program that wrote them:
-``tests/tables/conformance_cases.py`` computes all of them again. None of the driven cases is
-chaotic, and no count of impacts includes a block coming to rest.
+The table itself is ``jaxrock/data/conformance.json``, which the page ``docs/conformance.md`` is
+about. Here it becomes files for programs that read no Python: ``cases.json``, the same with the
+version of jaxrock and each case with all fields; ``cases.csv``, the same cases, one a line, empty
+where the JSON has null; and the ground motions, ``time_s,acceleration_m_per_s2`` and, where
+there is one, ``vertical_m_per_s2``. ``tests/references/conformance_with_scipy.py`` computes the
+cases from these files alone.
 """
 
 import csv
 import json
+import sys
 from collections.abc import Iterable, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -27,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from ..ground_motion import Record, example_record
-from ..host import read_version
+import jaxrock as jr
+from jaxrock import Record, example_record
 
 RECORDS = (
     "ridgecrest_north.csv",
@@ -48,7 +39,7 @@ def read_table() -> dict[str, Any]:
     cases = [
         {field: case.get(field) for field in stored["fields"]} for case in stored["cases"]
     ]
-    return {"version": read_version()} | stored | {"cases": cases}
+    return {"version": jr.__version__} | stored | {"cases": cases}
 
 
 def make_records() -> dict[str, Record]:
@@ -63,7 +54,8 @@ def make_records() -> dict[str, Record]:
 
 
 def write(folder: Path) -> int:
-    """Write `FILES` into an existing folder, and return the number of cases."""
+    """Write `FILES` into a folder, which is made if need be; return the number of cases."""
+    folder.mkdir(parents=True, exist_ok=True)
     content = read_table()
     # NaN is no JSON: a stored value that is not finite is a mistake, and not written.
     text = json.dumps(content, indent=1, allow_nan=False)
@@ -86,3 +78,7 @@ def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Iterable[object
     """Write a table whose lines end with LF on every system, so that files can be compared."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *rows])
+
+
+if __name__ == "__main__":
+    print(write(Path(sys.argv[1])), "cases")
