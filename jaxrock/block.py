@@ -19,6 +19,7 @@ from .validation import (
     Checked,
     Number,
     Reals,
+    as_field,
     as_real,
     check,
     elementwise,
@@ -68,9 +69,9 @@ class Block(Printed, Checked):
     """
 
     half_width: Reals = quantity(POSITIVE, "m")
-    slenderness: Reals = quantity(POSITIVE)
+    slenderness: Reals = quantity(POSITIVE, "")
     gravity: Reals = quantity(POSITIVE, "m/s2")
-    inertia_ratio: Reals = quantity(AT_LEAST_ONE)
+    inertia_ratio: Reals = quantity(AT_LEAST_ONE, "")
 
     def __new__(cls, *numbers: object, **named: object) -> "Block":
         """Refuse a width and a height, with the name of the function that takes them."""
@@ -90,10 +91,10 @@ class Block(Printed, Checked):
         gravity: Number = 9.81,
         inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
     ):
-        self.half_width = as_real("half_width", half_width)
-        self.slenderness = as_real("slenderness", slenderness)
-        self.gravity = as_real("gravity", gravity)
-        self.inertia_ratio = as_real("inertia_ratio", inertia_ratio)
+        self.half_width = as_field(Block, "half_width", half_width)
+        self.slenderness = as_field(Block, "slenderness", slenderness)
+        self.gravity = as_field(Block, "gravity", gravity)
+        self.inertia_ratio = as_field(Block, "inertia_ratio", inertia_ratio)
 
     def __str__(self) -> str:
         if words := format_derivatives(self):
@@ -139,8 +140,8 @@ class Block(Printed, Checked):
         ValueError
             If a concrete value is out of range. A traced one gives NaN.
         """
-        width = as_real("width", width)
-        height = as_real("height", height)
+        width = as_real("width", width, unit="m")
+        height = as_real("height", height, unit="m")
         check("width", width, POSITIVE)
         check("height", height, POSITIVE)
         warn_of_size("width", width)
@@ -275,7 +276,7 @@ class Block(Printed, Checked):
         share = share_in_centre(self.inertia_ratio)
         return jnp.sqrt(share * self.gravity / (self.half_width * diagonal_ratio(self)))
 
-    @elementwise(intensity=NON_NEGATIVE)
+    @elementwise(intensity=quantity(NON_NEGATIVE, "m/s"))
     def pulse_velocity(self, intensity: Number) -> Reals:
         """Compute the angular velocity that an instantaneous pulse gives to the block at rest.
 
@@ -407,9 +408,9 @@ def is_rectangle(block: Block) -> bool:
 
 @elementwise(
     frequency_parameter=POSITIVE,
-    critical_angle=RIGHT_ANGLE,
-    gravity=POSITIVE,
-    inertia_ratio=AT_LEAST_ONE,
+    critical_angle=quantity(RIGHT_ANGLE, "rad"),
+    gravity=quantity(POSITIVE, "m/s2"),
+    inertia_ratio=quantity(AT_LEAST_ONE, ""),
 )
 def _size_from_parameters(
     frequency_parameter: Number, critical_angle: Number, gravity: Number, inertia_ratio: Number
@@ -421,7 +422,7 @@ def _size_from_parameters(
 
 
 @elementwise(
-    half_width=POSITIVE,
+    half_width=quantity(POSITIVE, "m"),
     centre_height=POSITIVE,
     mass=POSITIVE,
     inertia_about_centre=NON_NEGATIVE,

@@ -10,9 +10,19 @@ import pytest
 import xarray
 
 import jaxrock as jr
+from jaxrock.validation import (
+    NON_NEGATIVE,
+    Checked,
+    Reals,
+    as_field,
+    as_real,
+    elementwise,
+    quantity,
+)
 
 REGISTRY = pint.UnitRegistry()
 BLOCK = jr.Block(0.2, 5.0)
+PULSE = jr.Sine(3.0, 0.5)
 
 
 @pytest.fixture(autouse=True)
@@ -53,6 +63,8 @@ def labelled(value, unit):
         (lambda q: jr.Scene(BLOCK, q(80.0, "percent"), 0.1), "restitution", 0.8),
         (lambda q: jr.Scene(BLOCK, 0.8, q(36.0, "cm/s")), "intensity", 0.36),
         (lambda q: jr.Block([q(30.0, "cm"), q(0.4, "m")], 5.0), "half_width", [0.3, 0.4]),
+        (lambda q: jr.DrivenScene(BLOCK, q(80.0, "percent"), PULSE), "restitution", 0.8),
+        (lambda q: jr.respond(BLOCK, 0.9, PULSE, q(0.01, "min")).scene, "duration", 0.6),
     ],
 )
 def test_a_unit_is_converted(carry, make, read, expected, eps):
@@ -90,6 +102,16 @@ def test_a_unit_is_converted(carry, make, read, expected, eps):
             lambda q: jr.Hazard([q(0.1, "m/s"), q(0.2, "m/s")], [1e-2, 1e-3]),
             "levels must be a number without a unit, in SI, got 0.1 m",
         ),
+        (
+            lambda q: jr.rocking_spectrum(PULSE, [2.0], 5.0, gravity=q(981.0, "cm/s**2")),
+            "gravity must be a number without a unit, in SI, got 981.0 c",
+        ),
+        (
+            lambda q: jr.sensitivity.sensitivities(
+                lambda at: at["width"], {"width": q(30.0, "cm")}
+            ),
+            "width must be a number without a unit, in SI, got 30.0 c",
+        ),
     ],
 )
 def test_another_unit_is_refused(carry, make, said):
@@ -115,3 +137,54 @@ def test_axes_of_spectra_are_converted():
     found = jr.resonance_spectrum([3.0, 5.0], widths, [0.6], u.Quantity(15.0, "cm/s"))
     np.testing.assert_allclose(found.width, plain.width, rtol=1e-15)
     np.testing.assert_allclose(found.rotation_ratio, plain.rotation_ratio, rtol=1e-6)
+
+
+class Storm(Checked):
+    """A class with a time in hours, and a count that declares no unit."""
+
+    time: Reals = quantity(NON_NEGATIVE, "h")
+    count: Reals = quantity(NON_NEGATIVE)
+
+    def __init__(self, time, count=0.0):
+        self.time = as_field(Storm, "time", time)
+        self.count = as_field(Storm, "count", count)
+
+
+@elementwise(time=quantity(NON_NEGATIVE, "h"), duration=NON_NEGATIVE)
+def sum_times(time, duration=0.0):
+    return time + duration
+
+
+@pytest.mark.parametrize("carry", [of_pint, of_astropy])
+@pytest.mark.parametrize(
+    "convert", [lambda t: Storm(t).time, sum_times, lambda t: as_real("time", t, unit="h")]
+)
+def test_an_argument_has_the_unit_that_it_declares(carry, convert, eps):
+    """Whatever its name is elsewhere in the package."""
+    np.testing.assert_allclose(convert(carry(90.0, "min")), 1.5, rtol=2 * eps)
+    with pytest.raises(ValueError, match=r"^time must be .* a unit like h, got 3.0 m"):
+        convert(carry(3.0, "m"))
+
+
+@pytest.mark.parametrize("carry", [of_pint, of_astropy])
+@pytest.mark.parametrize(
+    ("name", "convert"),
+    [
+        ("count", lambda t: Storm(1.0, t)),
+        ("duration", lambda t: sum_times(1.0, t)),
+        ("time", lambda t: as_real("time", t)),
+    ],
+)
+def test_an_argument_that_declares_no_unit_takes_none(carry, name, convert):
+    with pytest.raises(ValueError, match=f"^{name} must be a number without a unit, in SI"):
+        convert(carry(3.0, "s"))
+
+
+@pytest.mark.parametrize("carry", [of_pint, of_astropy])
+def test_one_name_has_two_units(carry, eps):
+    """The velocity of an oscillator is none of a rotation."""
+    oscillator = jr.resonance.Oscillator(carry(6.0, "rad/s"), 0.05)
+    peak = oscillator.peak_displacement(carry(30.0, "cm/s"))
+    np.testing.assert_allclose(peak, oscillator.peak_displacement(0.3), rtol=4 * eps)
+    with pytest.raises(ValueError, match=r"^velocity must be in rad/s, got 30.0 c"):
+        jr.Linearized().peak_rotation(BLOCK, carry(30.0, "cm/s"))

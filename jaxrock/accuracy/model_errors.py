@@ -197,7 +197,7 @@ def model_error(
     check_kind("scene", scene, Scene)
     if shape not in tuple(_PULSES):
         raise ValueError(f"shape must be Rectangular or HalfSine, got {describe(shape)}")
-    duration = as_real("duration", duration)
+    duration = as_real("duration", duration, unit="s")
     check_shapes(scene=scene, duration=duration)
     if shape is None and not is_traced(duration) and np.any(duration != 0):
         raise ValueError("shape must be given with a duration: Rectangular or HalfSine")

@@ -216,12 +216,12 @@ def _check_test(
             allowed = ", ".join(_PARAMETERS)
             raise ValueError(f"parameters must be different ones of {allowed}, got {name!r}")
     # Arguments that are not given have a value that passes the checks.
-    times = as_real("time", time)
-    angles = as_real("rotation", rotation)
-    start = as_real("restitution", 0.5 if restitution is None else restitution)
-    first = as_real("initial_rotation", initial[0])
-    speed = as_real("initial_velocity", initial[1])
-    size = as_real("rotation_noise", 1.0 if noise is None else noise)
+    times = as_real("time", time, unit="s")
+    angles = as_real("rotation", rotation, unit="rad")
+    start = as_real("restitution", 0.5 if restitution is None else restitution, unit="")
+    first = as_real("initial_rotation", initial[0], unit="rad")
+    speed = as_real("initial_velocity", initial[1], unit="rad/s")
+    size = as_real("rotation_noise", 1.0 if noise is None else noise, unit="rad")
     tree = (times, angles, start, (first, speed), size, block, motion)
     check_concrete(tree)
     if times.ndim != 1 or times.size < 2 or angles.shape != times.shape:

@@ -26,8 +26,12 @@ def check_measurements(
     impact_times: Numbers | None, peak_rotations: Numbers | None
 ) -> tuple[Measured, np.dtype]:
     """Check the measurements, and return them and the precision in which they are given."""
-    times = None if impact_times is None else as_real("impact_times", impact_times)
-    peaks = None if peak_rotations is None else as_real("peak_rotations", peak_rotations)
+    times = None
+    peaks = None
+    if impact_times is not None:
+        times = as_real("impact_times", impact_times, unit="s")
+    if peak_rotations is not None:
+        peaks = as_real("peak_rotations", peak_rotations, unit="rad")
     given = [part for part in (times, peaks) if part is not None]
     if not given:
         raise ValueError("impact_times or peak_rotations must be given, got neither")
@@ -138,10 +142,16 @@ def choose_noises(
     span = (measured.times[-1] - measured.times[0]) / measured.times.size
     guesses = span, measured.peaks.max(initial=0)
     sizes = []
-    for name, value, guess in zip(
-        ("time_noise", "rotation_noise"), (times, rotations), guesses, strict=True
+    for name, unit, value, guess in zip(
+        ("time_noise", "rotation_noise"),
+        ("s", "rad"),
+        (times, rotations),
+        guesses,
+        strict=True,
     ):
-        array = as_real(name, (0.01 * guess if guess > 0 else 1.0) if value is None else value)
+        array = as_real(
+            name, (0.01 * guess if guess > 0 else 1.0) if value is None else value, unit=unit
+        )
         check_concrete(array)
         check(name, array, POSITIVE)
         if array.ndim:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from ..block import Block
 from ..impact import velocity_after_impact
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import FINITE, UNIT_INTERVAL, Number, Reals, elementwise
+from ..validation import FINITE, UNIT_INTERVAL, Number, Reals, elementwise, quantity
 from .equation import Equation
 
 # Rotation at which a block lies on its side, whatever the ground does [rad].
@@ -41,7 +41,12 @@ def pick_smaller_margin(before: Reals, after: Reals) -> Reals:
     return jnp.where(after < before - rounding, after, before)
 
 
-@elementwise(restitution=UNIT_INTERVAL, rotation=FINITE, velocity=FINITE, model=as_model)
+@elementwise(
+    restitution=quantity(UNIT_INTERVAL, ""),
+    rotation=quantity(FINITE, "rad"),
+    velocity=quantity(FINITE, "rad/s"),
+    model=as_model,
+)
 def free_motion_margin(
     block: Block,
     restitution: Number,

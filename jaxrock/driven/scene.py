@@ -1,7 +1,5 @@
 """A block on moving ground, the subject of every driven computation."""
 
-import functools
-
 import equinox as eqx
 import jax.numpy as jnp
 
@@ -14,8 +12,9 @@ from ..validation import (
     UNIT_INTERVAL,
     Checked,
     Domain,
+    Number,
     Reals,
-    as_real,
+    as_field,
     quantity,
 )
 
@@ -41,10 +40,14 @@ class DrivenScene(Printed, Checked):
     """
 
     block: Block
-    restitution: Reals = eqx.field(
-        converter=functools.partial(as_real, "restitution"), metadata={"domain": UNIT_INTERVAL}
-    )
-    motion: Motion
+    restitution: Reals = quantity(UNIT_INTERVAL, "")
+    # Type checkers take the declaration of the restitution for a default value.
+    motion: Motion  # pyright: ignore[reportGeneralTypeIssues]
+
+    def __init__(self, block: Block, restitution: Number, motion: Motion):
+        self.block = block
+        self.restitution = as_field(DrivenScene, "restitution", restitution)
+        self.motion = motion
 
     def __str__(self) -> str:
         return (
@@ -66,6 +69,20 @@ class Driven(DrivenScene):
     duration: Reals = quantity(POSITIVE, "s")
     rotation: Reals = quantity(_UP_TO_ITS_SIDE, "rad")
     velocity: Reals = quantity(FINITE, "rad/s")
+
+    def __init__(
+        self,
+        block: Block,
+        restitution: Number,
+        motion: Motion,
+        duration: Number,
+        rotation: Number,
+        velocity: Number,
+    ):
+        super().__init__(block, restitution, motion)
+        self.duration = as_field(Driven, "duration", duration)
+        self.rotation = as_field(Driven, "rotation", rotation)
+        self.velocity = as_field(Driven, "velocity", velocity)
 
     def bucketed(self) -> "Driven":
         """Give the motion one of few shapes, so that few programs are compiled."""

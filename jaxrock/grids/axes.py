@@ -55,8 +55,9 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
 
 def as_axis(name: str, value: Values) -> np.ndarray:
     """Check the values along an axis: one or more, different, and all in its domain."""
+    _, unit, domain = _AXES[name]
     if carries_unit(value):
-        value = convert_to_si(name, value)
+        value = convert_to_si(name, value, unit)
     # This only raises for anything but numbers. Its array has the precision of JAX; the axis
     # stays in float64, since coordinates are compared with the values that were asked for.
     as_real(name, value)
@@ -66,7 +67,7 @@ def as_axis(name: str, value: Values) -> np.ndarray:
             f"{name} must be a number or a one-dimensional array of at least one,"
             f" got an array of shape {values.shape}"
         )
-    check(name, values, _AXES[name][2])
+    check(name, values, domain)
     values = np.atleast_1d(values)
     # Asked for a value that it has twice, a dataset would give two points instead of one.
     distinct, counts = np.unique(values, return_counts=True)

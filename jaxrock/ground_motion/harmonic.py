@@ -17,6 +17,7 @@ from ..validation import (
     Number,
     Reals,
     as_array,
+    as_field,
     as_real,
     check,
     is_traced,
@@ -75,9 +76,9 @@ class Harmonic(Motion):
         cycles: SupportsIndex = 20,
         start: Number = 0.0,
     ):
-        self.amplitude = as_real("amplitude", amplitude)
-        self.frequency = as_real("frequency", frequency)
-        self.start = as_real("start", start)
+        self.amplitude = as_field(Harmonic, "amplitude", amplitude)
+        self.frequency = as_field(Harmonic, "frequency", frequency)
+        self.start = as_field(Harmonic, "start", start)
         self.cycles = _check_cycles(cycles)
 
     def __str__(self) -> str:
@@ -120,7 +121,7 @@ class Harmonic(Motion):
 
     def scaled(self, factor: Number) -> "Harmonic":
         """Return the motion of another amplitude; see `Motion.scaled`."""
-        factor = as_real("factor", factor)
+        factor = as_real("factor", factor, unit="")
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda motion: motion.amplitude, self, self.amplitude * factor)
 

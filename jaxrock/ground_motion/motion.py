@@ -62,6 +62,7 @@ class Motion(Printed, Checked):
     """
 
     name: ClassVar[str]
+    _reader: ClassVar[str] = "read_record"  # for messages, as in `check_kind`
 
     start: eqx.AbstractVar[Reals]
 
@@ -156,7 +157,7 @@ class Motion(Printed, Checked):
         ValueError
             If the motion would begin before time 0.
         """
-        start = self.start + as_real("delay", delay)
+        start = self.start + as_real("delay", delay, unit="s")
         # `tree_at` makes no new object by `__init__`, so that what is traced stays as it is,
         # and checks nothing: the one number that changes is checked here.
         check("start", start, NON_NEGATIVE)
@@ -175,7 +176,7 @@ class Motion(Printed, Checked):
         acceleration : Array, shape (...)
             Signed [m/s2]; 0 before the start and from the end on.
         """
-        return _compute_acceleration(self.bucketed(), as_real("time", time))[0]
+        return _compute_acceleration(self.bucketed(), as_real("time", time, unit="s"))[0]
 
     def upward(self, time: Numbers) -> Reals:
         """Compute the vertical acceleration, positive upward; otherwise as `horizontal`.
@@ -190,7 +191,7 @@ class Motion(Printed, Checked):
         acceleration : Array, shape (...)
             Signed [m/s2].
         """
-        return _compute_acceleration(self.bucketed(), as_real("time", time))[1]
+        return _compute_acceleration(self.bucketed(), as_real("time", time, unit="s"))[1]
 
     def acts(self, time: Reals) -> Booleans:
         """Tell whether the ground moves: from the start on and before the end.

@@ -15,6 +15,7 @@ from ..validation import (
     POSITIVE,
     Number,
     Reals,
+    as_field,
     as_real,
     check,
     quantity,
@@ -70,9 +71,9 @@ class Pulse(Motion):
 
     # Repeated in every subclass: type checkers would generate another one from the fields.
     def __init__(self, amplitude: Number, duration: Number, start: Number = 0.0):
-        self.amplitude = as_real("amplitude", amplitude)
-        self.duration = as_real("duration", duration)
-        self.start = as_real("start", start)
+        self.amplitude = as_field(Pulse, "amplitude", amplitude)
+        self.duration = as_field(Pulse, "duration", duration)
+        self.start = as_field(Pulse, "start", start)
 
     def __str__(self) -> str:
         return format_derivatives(self) or (
@@ -126,7 +127,7 @@ class Pulse(Motion):
 
     def scaled(self, factor: Number) -> "Pulse":
         """Return the pulse of another amplitude; see `Motion.scaled`."""
-        factor = as_real("factor", factor)
+        factor = as_real("factor", factor, unit="")
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda pulse: pulse.amplitude, self, self.amplitude * factor)
 

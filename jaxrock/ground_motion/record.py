@@ -15,6 +15,7 @@ from ..validation import (
     Numbers,
     Reals,
     as_array,
+    as_field,
     as_real,
     carries_unit,
     check,
@@ -74,10 +75,11 @@ class Record(Motion):
     vertical: Reals | None = quantity(None, "m/s2", own_axes=1)
     acceleration: Reals = quantity(FINITE, "m/s2", own_axes=1)
     time_step: Reals = quantity(POSITIVE, "s")
-    scale: Reals = quantity(FINITE)
+    scale: Reals = quantity(FINITE, "")
     start: Reals = quantity(NON_NEGATIVE, "s")
 
     name = "record"
+    _reader = "read_record"
 
     def __init__(
         self,
@@ -90,12 +92,12 @@ class Record(Motion):
         unit: str | None = None,
     ):
         self.acceleration = _convert_samples("acceleration", acceleration, unit)
-        self.time_step = as_real("time_step", time_step)
+        self.time_step = as_field(Record, "time_step", time_step)
         self.vertical = (
             None if vertical is None else _convert_samples("vertical", vertical, unit)
         )
-        self.scale = as_real("scale", scale)
-        self.start = as_real("start", start)
+        self.scale = as_field(Record, "scale", scale)
+        self.start = as_field(Record, "start", start)
         shape = self.acceleration.shape
         # `Checked`, which comes after this, looks at leading axes alone: the axis of samples
         # is looked at here.
@@ -211,7 +213,7 @@ class Record(Motion):
 
     def scaled(self, factor: Number) -> "Record":
         """Return the record with another `scale`; see `Motion.scaled`."""
-        factor = as_real("factor", factor)
+        factor = as_real("factor", factor, unit="")
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
 
@@ -219,16 +221,16 @@ class Record(Motion):
 def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
     """Convert the samples of an argument from a unit to an array in m/s2."""
     if unit is None:
-        return as_real(name, samples)
+        return as_field(Record, name, samples)
     if carries_unit(samples):
         raise ValueError(f"unit must be left out if {name} carries one, got {unit!r}")
     factor = require_unit(unit)
-    samples = as_real(name, samples)
+    samples = as_field(Record, name, samples)
     if is_traced(samples):
         return factor * samples
     # In NumPy: JAX would compile the product for every length. What overflows is refused.
     with np.errstate(over="ignore"):
-        return as_real(name, factor * np.asarray(samples))
+        return as_field(Record, name, factor * np.asarray(samples))
 
 
 def _refuse_times(name: str, rows: np.ndarray) -> None:
@@ -269,10 +271,8 @@ class PaddedRecord(Record):
         # Padded in NumPy: JAX would compile the padding for every length.
         room = choose_padded_length(record.samples)
         vertical = record.vertical
-        self.acceleration = as_real("acceleration", pad_samples(record.acceleration, room))
-        self.vertical = (
-            None if vertical is None else as_real("vertical", pad_samples(vertical, room))
-        )
+        self.acceleration = as_array(pad_samples(record.acceleration, room))
+        self.vertical = None if vertical is None else as_array(pad_samples(vertical, room))
         self.time_step = record.time_step
         self.scale = record.scale
         self.start = record.start

@@ -3,7 +3,16 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..validation import FINITE, NON_NEGATIVE, Number, Reals, as_real, check, quantity
+from ..validation import (
+    FINITE,
+    NON_NEGATIVE,
+    Number,
+    Reals,
+    as_field,
+    as_real,
+    check,
+    quantity,
+)
 from .motion import Motion
 
 
@@ -22,12 +31,12 @@ class Still(Motion):
     [0.35111985 0.90644083 1.36898   ]
     """
 
-    start: Reals = quantity(NON_NEGATIVE)
+    start: Reals = quantity(NON_NEGATIVE, "s")
 
     name = "still ground"
 
     def __init__(self):
-        self.start = as_real("start", 0.0)
+        self.start = as_field(Still, "start", 0.0)
 
     def __str__(self) -> str:
         return self.name
@@ -56,5 +65,5 @@ class Still(Motion):
 
     def scaled(self, factor: Number) -> "Still":
         """Return the same; see `Motion.scaled`."""
-        check("factor", as_real("factor", factor), FINITE)
+        check("factor", as_real("factor", factor, unit=""), FINITE)
         return self

@@ -1,6 +1,7 @@
 """Suites: several records, of any lengths and time steps, as one argument."""
 
 from collections.abc import Iterator, Sequence
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -57,6 +58,10 @@ class Suite(Printed, eqx.Module):
 
     records: tuple[Record, ...]
     names: tuple[str, ...] = eqx.field(static=True)
+
+    # For messages, as in `check_kind`.
+    _reader: ClassVar[str] = "read_suite"
+    _element: ClassVar[type[Record]] = Record
 
     def __init__(self, records: Sequence[Record], names: Sequence[str] | None = None):
         if isinstance(records, Record) or not isinstance(records, Sequence):
@@ -211,7 +216,7 @@ class Suite(Printed, eqx.Module):
         ValueError
             If a factor is not finite, or the leading axis is not that of the records.
         """
-        factors = as_real("factors", factors)
+        factors = as_real("factors", factors, unit="")
         check("factors", factors, FINITE)
         if factors.ndim and len(factors) != len(self):
             got = f"got an array of shape {factors.shape}"

@@ -162,7 +162,7 @@ def check_subject(
     along = as_name("along", along, allowed)
     places = as_real("values", values)
     check("values", places, _QUANTITIES[along].domain)
-    restitution = as_real("restitution", restitution)
+    restitution = as_real("restitution", restitution, unit="")
     check("restitution", restitution, UNIT_INTERVAL)
     if isinstance(single, Record) and single.acceleration.ndim > 1:
         raise ValueError("motion must be one record, got an array of them")

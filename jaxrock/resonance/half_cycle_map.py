@@ -21,7 +21,7 @@ from ..validation import (
     Checked,
     Number,
     Reals,
-    as_real,
+    as_field,
     elementwise,
     quantity,
 )
@@ -54,13 +54,13 @@ class Scene(Printed, Checked):
     """
 
     block: Block
-    restitution: Reals = quantity(UNIT_INTERVAL)
+    restitution: Reals = quantity(UNIT_INTERVAL, "")
     intensity: Reals = quantity(NON_NEGATIVE, "m/s")
 
     def __init__(self, block: Block, restitution: Number, intensity: Number):
         self.block = block
-        self.restitution = as_real("restitution", restitution)
-        self.intensity = as_real("intensity", intensity)
+        self.restitution = as_field(Scene, "restitution", restitution)
+        self.intensity = as_field(Scene, "intensity", intensity)
 
     def __str__(self) -> str:
         return format_derivatives(self) or (
@@ -91,7 +91,7 @@ def launch_velocity(scene: Scene) -> Reals:
     return scene.block.pulse_velocity(scene.intensity)
 
 
-@elementwise(velocity=NON_NEGATIVE)
+@elementwise(velocity=quantity(NON_NEGATIVE, "rad/s"))
 def next_velocity(scene: Scene, velocity: Number) -> Reals:
     """Apply the half-cycle map, from one launch velocity to the next (Eq. 8).
 

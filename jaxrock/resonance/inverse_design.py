@@ -20,11 +20,12 @@ from ..validation import (
     Reals,
     as_name,
     elementwise,
+    quantity,
 )
 from .free_rocking import Linearized, ModelLike, as_model
 
 
-@elementwise(restitution=UNIT_INTERVAL, half_cycles=COUNT, model=as_model)
+@elementwise(restitution=quantity(UNIT_INTERVAL, ""), half_cycles=COUNT, model=as_model)
 def critical_intensity(
     block: Block,
     restitution: Number,
@@ -122,7 +123,10 @@ def critical_width(
 
 
 @elementwise(
-    restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model
+    restitution=quantity(UNIT_INTERVAL, ""),
+    intensity=quantity(NON_NEGATIVE, "m/s"),
+    half_cycles=COUNT,
+    model=as_model,
 )
 def _width_at_slenderness(
     block: Block, restitution: Number, intensity: Number, half_cycles: Number, model: ModelLike
@@ -136,7 +140,10 @@ def _width_at_slenderness(
 
 
 @elementwise(
-    restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model
+    restitution=quantity(UNIT_INTERVAL, ""),
+    intensity=quantity(NON_NEGATIVE, "m/s"),
+    half_cycles=COUNT,
+    model=as_model,
 )
 def _width_at_height(
     block: Block, restitution: Number, intensity: Number, half_cycles: Number, model: ModelLike
@@ -185,7 +192,10 @@ def _estimate_ratio(weight: Reals) -> Reals:
 
 
 @elementwise(
-    restitution=UNIT_INTERVAL, intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model
+    restitution=quantity(UNIT_INTERVAL, ""),
+    intensity=quantity(NON_NEGATIVE, "m/s"),
+    half_cycles=COUNT,
+    model=as_model,
 )
 def critical_slenderness(
     block: Block,
@@ -267,7 +277,7 @@ def critical_slenderness(
     return jnp.where(representable, estimate * factor, slenderness_beyond)
 
 
-@elementwise(intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model)
+@elementwise(intensity=quantity(NON_NEGATIVE, "m/s"), half_cycles=COUNT, model=as_model)
 def critical_restitution(
     block: Block,
     intensity: Number,

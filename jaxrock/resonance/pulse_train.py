@@ -128,7 +128,7 @@ class TrainResponse(Printed, eqx.Module):
         >>> print(rotation.round(4), velocity.round(4))
         [ 0.      0.0073 -0.0019] [0.1082 0.0385 0.0556]
         """
-        wanted = as_real("time", time)
+        wanted = as_real("time", time, unit="s")
         shape = wanted.shape
         if is_traced((self, wanted)):
             flat = wanted.astype(self.times.dtype).reshape(-1)
@@ -191,9 +191,9 @@ def respond_to_train(
     >>> print(train.overturned, f"{train.peak_rotation:.4f} rad")
     False 0.0084 rad
     """
-    c = as_real("restitution", restitution)
-    t = as_real("times", times)
-    pulses = as_real("intensities", intensities)
+    c = as_real("restitution", restitution, unit="")
+    t = as_real("times", times, unit="s")
+    pulses = as_real("intensities", intensities, unit="m/s")
     check("restitution", c, UNIT_INTERVAL)
     check("times", t, NON_NEGATIVE)
     check("intensities", pulses, FINITE)

@@ -71,7 +71,7 @@ def timing_costs(
     0.568 m/s 0.2 half-cycles after the impacts
     0.577 m/s at the best of equal spacings
     """
-    restitution = as_real("restitution", restitution)
+    restitution = as_real("restitution", restitution, unit="")
     check("restitution", restitution, UNIT_INTERVAL)
     block.check()
     if count < 2:

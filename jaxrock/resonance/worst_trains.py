@@ -174,7 +174,7 @@ def worst_train(
         0.5192         -0.47477  0.00000
         1.6100          0.47477  0.00000
     """
-    restitution = as_real("restitution", restitution)
+    restitution = as_real("restitution", restitution, unit="")
     check("restitution", restitution, UNIT_INTERVAL)
     check_kind("block", block, Block)
     block.check()

@@ -1,6 +1,6 @@
 """Seismic hazard: the rates per year at which levels of shaking are exceeded."""
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
+    as_field,
     as_name,
     as_real,
     is_traced,
@@ -79,6 +80,8 @@ class Hazard(Printed, Checked):
     measure: str | None = eqx.field(static=True, default=None)
     statistic: str = eqx.field(static=True, default="")
 
+    _reader: ClassVar[str] = "read_hazard"  # for messages, as in `check_kind`
+
     def __init__(
         self,
         levels: Numbers,
@@ -88,8 +91,8 @@ class Hazard(Printed, Checked):
     ):
         self.measure = as_hazard_measure(measure)
         self.statistic = statistic
-        self.levels = as_real("levels", levels)
-        self.rates = as_real("rates", rates)
+        self.levels = as_field(Hazard, "levels", levels)
+        self.rates = as_field(Hazard, "rates", rates)
         shape = self.levels.shape
         of_rates = self.rates.shape
         if len(shape) != 1 or shape[0] < 2:

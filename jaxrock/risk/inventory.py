@@ -64,7 +64,7 @@ class Inventory(Printed, eqx.Module):
         uncertain: Uncertain | None = None,
         remarks: Sequence[str] | None = None,
     ):
-        objects = gather_objects(block, as_real("restitution", restitution), names)
+        objects = gather_objects(block, as_real("restitution", restitution, unit=""), names)
         if uncertain is not None:
             # What cannot be drawn is refused here, before anything is computed.
             uncertain.draw(objects.block, objects.restitution)

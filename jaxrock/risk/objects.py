@@ -39,7 +39,7 @@ def gather_objects(
 ) -> Objects:
     """Gather concrete objects; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
-    coefficient = as_real("restitution", restitution)
+    coefficient = as_real("restitution", restitution, unit="")
     check("restitution", coefficient, UNIT_INTERVAL)
     leaves, form = jax.tree.flatten((block, coefficient))
     shapes = [np.shape(leaf) for leaf in leaves]

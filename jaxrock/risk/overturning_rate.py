@@ -189,7 +189,7 @@ def overturning_rate(
     """
     check_kind("site", site, Site)
     check_kind("block", block, Block)
-    restitution = as_real("restitution", restitution)
+    restitution = as_real("restitution", restitution, unit="")
     if any(np.ndim(leaf) > 1 for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be single ones or have one axis")
     if uncertain is not None:

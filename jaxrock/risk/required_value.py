@@ -183,7 +183,7 @@ def required_value(
     target = as_real("target", target)
     check("target", target, POSITIVE)
     ends = _check_bounds(bounds, search.along)
-    parts = (block, as_real("restitution", restitution), site, target)
+    parts = (block, as_real("restitution", restitution, unit=""), site, target)
     return _search_value(parts, ends=ends, search=search)
 
 

@@ -13,7 +13,7 @@ from ..block import SIDES, Block, SizeDescription, block_of, size_of
 from ..driven import require_complete, respond, respond_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..resonance import RockingModel
-from ..validation import AnyArray, Number, Reals, as_name, as_real, as_text
+from ..validation import AnyArray, Number, Reals, as_field, as_name, as_real, as_text
 from .uncertain import make_drawn_blocks
 
 # The answers that have a name, in words.
@@ -40,7 +40,7 @@ def change_motion(motion: Motion, parameters: Mapping[str, Number]) -> Motion:
     """Replace the fields of a motion that are among the parameters; `scale` is no field."""
     for name in _name_fields(motion):
         if name in parameters:
-            value = as_real(name, parameters[name])
+            value = as_field(type(motion), name, parameters[name])
             motion = eqx.tree_at(lambda part, name=name: getattr(part, name), motion, value)
     return motion
 
@@ -74,7 +74,9 @@ class DrivenAnswer(eqx.Module):
     """
 
     block: Block
-    restitution: Reals = eqx.field(converter=functools.partial(as_real, "restitution"))
+    restitution: Reals = eqx.field(
+        converter=functools.partial(as_real, "restitution", unit="")
+    )
     motion: Motion
     answer: str | AnswerOfResponse = eqx.field(static=True)
     model: RockingModel = eqx.field(static=True)

@@ -238,7 +238,7 @@ def _check_question(
             f"block, restitution and motion must be single ones, got arrays of shape {shape}"
         )
     check_kind("uncertain", uncertain, Uncertain)
-    check("scale", as_real("scale", scale), POSITIVE)
+    check("scale", as_real("scale", scale, unit=""), POSITIVE)
     coefficients = list_single_coefficients(uncertain)
     if not any(coefficients.values()):
         raise ValueError("uncertain must have a coefficient greater than 0, got none")

@@ -299,8 +299,8 @@ def _simulate_samples(
     """Simulate all samples; peak and outcomes, shape (answers, records, samples)."""
     # Drawn in float64, simulated in the precision that JAX has been set to.
     blocks = jax.device_put(make_drawn_blocks(values))
-    restitution = as_real("restitution", values["restitution"])
-    scale = np.asarray(as_real("scale", values["scale"]))
+    restitution = as_real("restitution", values["restitution"], unit="")
+    scale = np.asarray(as_real("scale", values["scale"], unit=""))
     group = max(1, _AT_ONCE // restitution.size)
     if isinstance(motion, Suite):
         records = list(motion)

@@ -239,7 +239,7 @@ def list_medians(
     In NumPy and float64, of shapes that broadcast.
     """
     check_kind("block", block, Block)
-    restitution = as_real("restitution", restitution)
+    restitution = as_real("restitution", restitution, unit="")
     check("restitution", restitution, UNIT_INTERVAL)
     by = choose_description(names, _ARGUMENT)
     host, coefficient = jax.tree.map(

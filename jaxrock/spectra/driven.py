@@ -123,7 +123,7 @@ def rocking_spectrum(
     [1 0]
     """
     check("gravity", as_real("gravity", gravity), POSITIVE)
-    check("inertia_ratio", as_real("inertia_ratio", inertia_ratio), AT_LEAST_ONE)
+    check("inertia_ratio", as_real("inertia_ratio", inertia_ratio, unit=""), AT_LEAST_ONE)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     records = [*motion] if isinstance(motion, Suite) else [motion]
     if any(map(_is_several, records)):
@@ -181,7 +181,7 @@ def _make_blocks(
     if "factor" in at:
         records = (len(motion),) if isinstance(motion, Suite) else ()
         motion = motion.scaled(np.broadcast_to(at["factor"], (*records, *at["factor"].shape)))
-    return block, as_real("restitution", c), motion
+    return block, as_real("restitution", c, unit=""), motion
 
 
 def overturning_spectrum(
@@ -240,7 +240,7 @@ def overturning_spectrum(
         "inertia_ratio": inertia_ratio,
     }
     problem = functools.partial(_make_pulses, kind, *scales)
-    shared = (block, as_real("restitution", c))
+    shared = (block, as_real("restitution", c, unit=""))
     return _make_response_grid(
         "Overturning spectrum", axes, problem, shared, model, tolerance, about
     ).build_dataset(chunks)
@@ -267,7 +267,7 @@ def make_unit_block(
     """
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
     c = float(_compute_restitution(block)) if restitution is None else restitution
-    check("restitution", as_real("restitution", c), UNIT_INTERVAL)
+    check("restitution", as_real("restitution", c, unit=""), UNIT_INTERVAL)
     return block, c, float(uplift_acceleration(block, as_model(model)))
 
 

@@ -131,7 +131,7 @@ def harmonic_spectrum(
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
     if restitution is None:
         restitution = max(float(housner_restitution(block)), 0.0)
-    check("restitution", as_real("restitution", restitution), UNIT_INTERVAL)
+    check("restitution", as_real("restitution", restitution, unit=""), UNIT_INTERVAL)
     uplift = float(uplift_acceleration(block, model))
     rate = float(block.frequency_parameter)
     critical = float(model.critical_velocity(block))
@@ -154,7 +154,7 @@ def harmonic_spectrum(
         "cycles": cycles,
     }
     compute = functools.partial(_compute_floors, uplift, rate, critical, cycles, model)
-    shared = (block, as_real("restitution", restitution))
+    shared = (block, as_real("restitution", restitution, unit=""))
     grid = Grid(
         "Harmonic spectrum",
         axes,

@@ -99,7 +99,7 @@ def overturning_map(
     rate = float(block.frequency_parameter)
     search = (lows_and_highs, resolution, model)
     compute = functools.partial(_search_boundaries, kind, uplift, rate, search)
-    shared = (block, as_real("restitution", c))
+    shared = (block, as_real("restitution", c, unit=""))
     # By default all boundaries are listed, and how many there are is known once they have been
     # found. A lazy dataset must state its size before.
     found = None

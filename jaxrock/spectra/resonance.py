@@ -115,7 +115,7 @@ def resonance_spectrum(
     [0.077 0.317]
     """
     constants = {"gravity": gravity, "inertia_ratio": inertia_ratio}
-    shared = [as_real(name, value) for name, value in constants.items()]
+    shared = [as_real("gravity", gravity), as_real("inertia_ratio", inertia_ratio, unit="")]
     for name, value, domain in zip(constants, shared, (POSITIVE, AT_LEAST_ONE), strict=True):
         check(name, value, domain)
     single = None if as_text(model) == "auto" else resonance.as_model(model)

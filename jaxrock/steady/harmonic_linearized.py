@@ -25,7 +25,15 @@ import jax.numpy as jnp
 
 from ..block import Block
 from ..driven import Equation
-from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, elementwise
+from ..validation import (
+    POSITIVE,
+    UNIT_INTERVAL,
+    Booleans,
+    Number,
+    Reals,
+    elementwise,
+    quantity,
+)
 
 
 class HarmonicScene(eqx.Module):
@@ -146,7 +154,7 @@ def _compute_trace_terms(c: Reals, w: Reals) -> tuple[Reals, Reals]:
     return from_parts, 0.5 * (1 + c) * jnp.sinh(length)
 
 
-@elementwise(restitution=UNIT_INTERVAL, frequency=POSITIVE)
+@elementwise(restitution=quantity(UNIT_INTERVAL, ""), frequency=quantity(POSITIVE, "rad/s"))
 def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the least amplitude of a harmonic floor that keeps the linearized block rocking.
 
@@ -186,7 +194,7 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
     return block.gravity * block.critical_angle * least_amplitude(jnp.asarray(restitution), w)
 
 
-@elementwise(restitution=UNIT_INTERVAL, frequency=POSITIVE)
+@elementwise(restitution=quantity(UNIT_INTERVAL, ""), frequency=quantity(POSITIVE, "rad/s"))
 def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the amplitude beyond which steady rocking is no longer symmetric.
 

@@ -23,6 +23,7 @@ from ..validation import (
     Reals,
     elementwise,
     is_traced,
+    quantity,
     unify_precision,
 )
 from .harmonic_linearized import HalfPeriodPath, HarmonicScene, solve_linearized
@@ -158,7 +159,10 @@ class _Quantities(NamedTuple):
 
 
 @elementwise(
-    restitution=UNIT_INTERVAL, amplitude=NON_NEGATIVE, frequency=POSITIVE, model=as_model
+    restitution=quantity(UNIT_INTERVAL, ""),
+    amplitude=quantity(NON_NEGATIVE, "m/s2"),
+    frequency=quantity(POSITIVE, "rad/s"),
+    model=as_model,
 )
 def _compute_quantities(
     block: Block,

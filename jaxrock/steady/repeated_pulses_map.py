@@ -90,8 +90,8 @@ def check_pulsed_arguments(
     check_kind("pulse", pulse, Pulse)
     if not 0 < rtol <= 1e-3:
         raise ValueError(f"rtol must be greater than 0 and at most 0.001, got {rtol:g}")
-    restitution = as_real("restitution", restitution)
-    velocity = as_real("velocity", velocity)
+    restitution = as_real("restitution", restitution, unit="")
+    velocity = as_real("velocity", velocity, unit="rad/s")
     check("restitution", restitution, UNIT_INTERVAL)
     check("velocity", velocity, NON_NEGATIVE)
     block.check()

@@ -23,6 +23,7 @@ from .domains import RIGHT_ANGLE as RIGHT_ANGLE
 from .domains import UNIT_INTERVAL as UNIT_INTERVAL
 from .domains import Checked as Checked
 from .domains import Domain as Domain
+from .domains import as_field as as_field
 from .domains import check as check
 from .domains import check_increasing as check_increasing
 from .domains import check_kind as check_kind

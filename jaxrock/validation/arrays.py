@@ -67,8 +67,22 @@ def as_array(value: Any) -> Array:
     return jnp.asarray(value)
 
 
-def as_real(name: str, value: object) -> Array:
+def as_real(name: str, value: object, *, unit: str | None = None) -> Array:
     """Make `value` an array of floating-point numbers; Python numbers stay weakly typed.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : array_like
+        Numbers in SI, or a quantity with a unit.
+    unit : str, optional
+        Unit of the argument in SI, such as "m/s2"; "" if it is a plain number. None if the
+        argument takes no quantity with a unit.
+
+    Returns
+    -------
+    Array
 
     Raises
     ------
@@ -77,7 +91,7 @@ def as_real(name: str, value: object) -> Array:
     """
     # Quantities with units (of pint, astropy, unyt) would lose them without a word.
     if carries_unit(value):
-        value = convert_to_si(name, value)
+        value = convert_to_si(name, value, unit)
 
     # What NumPy and JAX say of a value that is no array would not name the argument.
     with contextlib.suppress(TypeError, ValueError, OverflowError):

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple, TypeGuard
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-from .arrays import AnyArray, Numbers, describe, is_traced
+from .arrays import AnyArray, Numbers, as_real, describe, is_traced
 
 
 class Domain(NamedTuple):
@@ -29,44 +30,28 @@ class Domain(NamedTuple):
 
 # Comparisons serve NumPy and JAX alike, and NaN fails them all.
 POSITIVE = Domain("finite and greater than 0", lambda x: (x > 0) & (x < jnp.inf), 1.0)
-
-
 NON_NEGATIVE = Domain("finite and at least 0", lambda x: (x >= 0) & (x < jnp.inf), 0.0)
-
-
 FINITE = Domain("finite", lambda x: abs(x) < jnp.inf, 0.0)
-
-
 AT_LEAST_ONE = Domain("finite and at least 1", lambda x: (x >= 1) & (x < jnp.inf), 1.0)
-
-
 RIGHT_ANGLE = Domain("between 0 and pi / 2", lambda x: (x > 0) & (x < jnp.pi / 2), 1.0)
-
-
 UNIT_INTERVAL = Domain("between 0 and 1", lambda x: (x >= 0) & (x <= 1), 0.5)
-
-
 BELOW_ONE = Domain("at least 0 and less than 1", lambda x: (x >= 0) & (x < 1), 0.5)
-
-
 COUNT = Domain(
     "a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jnp.floor(x)), 1.0
 )
-
-
 GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 
 # A field specifier of a dataclass has to pass for a value of any field: hence `Any`.
-def quantity(domain: Domain | None, unit: str = "", own_axes: int = 0) -> Any:
-    """Declare a field of a `Checked` module.
+def quantity(domain: Domain | None, unit: str | None = None, own_axes: int = 0) -> Any:
+    """Declare a field of a `Checked` module, or an argument of an elementwise function.
 
     Parameters
     ----------
     domain : Domain, optional
         None allows all values.
-    unit : str
-        In SI, as it is printed.
+    unit : str, optional
+        In SI, as it is printed; "" for a plain number. None takes no quantity with a unit.
     own_axes : int
         How many axes, the last ones, belong to the quantity itself and to no batch.
 
@@ -104,6 +89,58 @@ class Checked(eqx.Module):
                 check_kind(field.name, parts[field.name], field.kind)
             check(field.name, parts[field.name], field.domain)
         check_shapes(itself=self)
+
+
+def is_checked(kind: object) -> TypeGuard[type[Checked]]:
+    """Return whether an annotation is a class of `Checked` modules."""
+    return inspect.isclass(kind) and issubclass(kind, Checked)
+
+
+class Declaration(NamedTuple):
+    """A field of a `Checked` class, as it was declared."""
+
+    name: str
+    domain: Domain | None
+    unit: str | None
+    own_axes: int
+    kind: type[Checked] | None  # the class of a field that is such a module itself
+
+
+# Asked for at every call, and a class does not change.
+@functools.cache
+def list_fields(module: type[Checked]) -> list[Declaration]:
+    """List the fields of a class as they were declared."""
+    return [
+        Declaration(
+            field.name,
+            field.metadata.get("domain"),
+            field.metadata.get("unit"),
+            field.metadata.get("own_axes", 0),
+            field.type if is_checked(field.type) else None,
+        )
+        for field in dataclasses.fields(module)
+    ]
+
+
+def as_field(module: type[Checked], name: str, value: object) -> Array:
+    """Make the value of a field an array, as `as_real` does, in the unit of its declaration."""
+    return as_real(name, value, unit=_list_units(module)[name])
+
+
+@functools.cache
+def _list_units(module: type[Checked]) -> dict[str, str | None]:
+    """List the units of the fields of a class by their names."""
+    return {field.name: field.unit for field in list_fields(module)}
+
+
+def iterate_quantities(module: Checked) -> Iterator[tuple[str, object, Domain, str]]:
+    """Iterate over name, value, domain and unit of the numbers in a module and its modules."""
+    for field in list_fields(type(module)):
+        value = vars(module)[field.name]
+        if isinstance(value, Checked):
+            yield from iterate_quantities(value)
+        elif field.domain is not None:
+            yield field.name, value, field.domain, field.unit or ""
 
 
 def check(name: str, value: object, domain: Domain | None) -> None:
@@ -150,39 +187,6 @@ def check_increasing(name: str, values: Numbers) -> None:
         raise ValueError(f"{name} must increase, got {first}")
 
 
-# `Callable` is a kind as well, but no `type` for type checkers: hence `Any`.
-def check_kind(name: str, value: object, *kinds: Any, hint: str = "") -> None:
-    """Raise `ValueError` if a value is of none of these classes; the hint says what to do."""
-    if not isinstance(value, kinds):
-        names = [f"a {'function' if kind is Callable else kind.__name__}" for kind in kinds]
-        must = " or ".join([", ".join(names[:-1]), names[-1]][len(names) == 1 :])
-        hint = _find_way_out(value, kinds) or hint
-        if isinstance(value, list | tuple) and any(isinstance(each, kinds) for each in value):
-            hint = hint or f"; one {kinds[0].__name__} of arrays stands for many"
-        raise ValueError(f"{name} must be {must}, got {describe(value)}{hint}")
-
-
-# What is read from files, and by what.
-_READERS = {"Motion": "read_record", "Record": "read_record"}
-_READERS |= {"Suite": "read_suite", "Hazard": "read_hazard"}
-
-
-def _find_way_out(value: object, kinds: Sequence[type]) -> str:
-    """Name the function that was likely meant for a value of a wrong class; empty if unknown."""
-    names = [kind.__name__ for kind in kinds]
-    if inspect.isclass(value) and issubclass(value, tuple(kinds)):
-        return f"; {value.__name__}(...) makes one"
-    if isinstance(value, str | os.PathLike):
-        readers = [_READERS[name] for name in names if name in _READERS]
-        return f"; {' or '.join(readers)} reads one from files" if readers else ""
-    many = list(value) if isinstance(value, list | tuple) else [value]
-    # Records are told by name: they stand far below.
-    if "Suite" in names and {type(each).__name__ for each in many} == {"Record"}:
-        inside = "[...]" if isinstance(value, list | tuple) else "[record]"
-        return f"; Suite({inside}) makes one"
-    return ""
-
-
 def check_shapes(**arguments: object) -> None:
     """Raise `ValueError` if arguments, and fields of modules, do not broadcast.
 
@@ -211,40 +215,55 @@ def _list_shapes(
     ]
 
 
-def is_checked(kind: object) -> TypeGuard[type[Checked]]:
-    """Tell whether an annotation is a class of `Checked` modules."""
-    return inspect.isclass(kind) and issubclass(kind, Checked)
+# `Callable` is a kind as well, but no `type` for type checkers: hence `Any`.
+def check_kind(name: str, value: object, *kinds: Any, hint: str = "") -> None:
+    """Check that a value is of one of these classes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : object
+    *kinds : type
+        A class may say what makes one of it: in `_reader` the function that reads one from
+        files, in `_element` the class of which it takes a list.
+    hint : str
+        What to do, where the value and the classes do not tell.
+
+    Raises
+    ------
+    ValueError
+        If the value is of another class.
+    """
+    if isinstance(value, kinds):
+        return
+    names = [f"a {'function' if kind is Callable else kind.__name__}" for kind in kinds]
+    hint = _find_way_out(value, kinds) or hint
+    if isinstance(value, list | tuple) and any(isinstance(part, kinds) for part in value):
+        hint = hint or f"; one {kinds[0].__name__} of arrays stands for many"
+    raise ValueError(f"{name} must be {_join_by_or(names)}, got {describe(value)}{hint}")
 
 
-class Declaration(NamedTuple):
-    """A field of a `Checked` class, as it was declared."""
-
-    name: str
-    domain: Domain | None
-    own_axes: int
-    kind: type[Checked] | None  # the class of a field that is such a module itself
+def _join_by_or(words: Sequence[str]) -> str:
+    """Join alternatives as in a sentence: a, b or c."""
+    if len(words) < 2:
+        return "".join(words)
+    return f"{', '.join(words[:-1])} or {words[-1]}"
 
 
-# Asked for at every call, and a class does not change.
-@functools.cache
-def list_fields(module: type[Checked]) -> list[Declaration]:
-    """List the fields of a class with their domains, own axes and kinds."""
-    return [
-        Declaration(
-            field.name,
-            field.metadata.get("domain"),
-            field.metadata.get("own_axes", 0),
-            field.type if is_checked(field.type) else None,
-        )
-        for field in dataclasses.fields(module)
-    ]
-
-
-def iterate_quantities(module: Checked) -> Iterator[tuple[str, object, Domain, str]]:
-    """Iterate over name, value, domain and unit of the numbers in a module and its modules."""
-    for field in dataclasses.fields(module):
-        value = getattr(module, field.name)
-        if isinstance(value, Checked):
-            yield from iterate_quantities(value)
-        elif field.metadata.get("domain") is not None:
-            yield field.name, value, field.metadata["domain"], field.metadata.get("unit", "")
+def _find_way_out(value: object, kinds: Sequence[type]) -> str:
+    """Name what likely was meant for a value of another class; empty if unknown."""
+    if inspect.isclass(value) and issubclass(value, tuple(kinds)):
+        return f"; {value.__name__}(...) makes one"
+    if isinstance(value, str | os.PathLike):
+        # Of a class itself: a file of a motion is no file of a pulse.
+        readers = [vars(kind)["_reader"] for kind in kinds if "_reader" in vars(kind)]
+        return f"; {_join_by_or(readers)} reads one from files" if readers else ""
+    is_list = isinstance(value, list | tuple)
+    parts = list(value) if is_list else [value]
+    for kind in kinds:
+        element = getattr(kind, "_element", None)
+        if element is not None and parts and all(isinstance(part, element) for part in parts):
+            content = "..." if is_list else element.__name__.lower()
+            return f"; {kind.__name__}([{content}]) makes one"
+    return ""

@@ -7,6 +7,7 @@ neither their neighbours nor the derivatives of these are affected.
 
 import contextlib
 import contextvars
+import dataclasses
 import functools
 import inspect
 import operator
@@ -18,7 +19,16 @@ import jax
 import jax.numpy as jnp
 
 from .arrays import Booleans, as_real
-from .domains import Checked, Domain, check, check_kind, check_shapes, is_checked, list_fields
+from .domains import (
+    Checked,
+    Domain,
+    check,
+    check_kind,
+    check_shapes,
+    is_checked,
+    list_fields,
+    quantity,
+)
 
 _P = ParamSpec("_P")
 
@@ -95,7 +105,7 @@ def _combine_validity(parts: Iterable[Booleans | bool]) -> Booleans | bool:
 
 
 def elementwise(
-    **domains: Domain | Callable[..., object],
+    **declared: Domain | dataclasses.Field | Callable[..., object],
 ) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """Guard the arguments of an elementwise function.
 
@@ -105,9 +115,10 @@ def elementwise(
 
     Parameters
     ----------
-    **domains : Domain or callable
-        By the names of the arguments: what they may be, or a function that converts them.
-        `Checked` modules need no domain; they are recognized by the annotation.
+    **declared : quantity, Domain or callable
+        By the names of the arguments: a `quantity`, with its domain and unit; the domain of an
+        argument that takes no unit; or a function that converts the argument. `Checked`
+        modules are not declared; they are recognized by the annotation.
 
     Returns
     -------
@@ -115,7 +126,17 @@ def elementwise(
         Keeps the docstring, in which the domains are to be found in words. The attribute
         `guards` of a decorated function has the domains by argument.
     """
-    guards = {name: domain for name, domain in domains.items() if isinstance(domain, Domain)}
+    guards: dict[str, Domain] = {}
+    converters: dict[str, Callable[..., object]] = {}
+    for name, declaration in declared.items():
+        if isinstance(declaration, Domain):
+            declaration = quantity(declaration)
+        if isinstance(declaration, dataclasses.Field):
+            unit = declaration.metadata["unit"]
+            guards[name] = declaration.metadata["domain"]
+            converters[name] = functools.partial(as_real, name, unit=unit)
+        else:
+            converters[name] = declaration
 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
         signature = inspect.signature(function)
@@ -151,9 +172,7 @@ def elementwise(
             # Kinds before values before shapes: the first message is about the gravest error.
             for name, kind in kinds.items():
                 check_kind(name, arguments[name], kind)
-            for name, domain in domains.items():
-                of_name = functools.partial(as_real, name)
-                convert = of_name if isinstance(domain, Domain) else domain
+            for name, convert in converters.items():
                 arguments[name] = convert(arguments[name])
             for name, value in arguments.items():
                 check(name, value, guards.get(name))

@@ -286,10 +286,10 @@ def check_batch(
     """Check the arguments of `respond_batch`, and return restitution and duration as arrays."""
     check_kind("blocks", blocks, Block)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
-    restitution = as_real("restitution", restitution)
+    restitution = as_real("restitution", restitution, unit="")
     check("restitution", restitution, UNIT_INTERVAL)
     if duration is not None:
-        duration = as_real("duration", duration)
+        duration = as_real("duration", duration, unit="s")
         check("duration", duration, POSITIVE)
     single = motion[0] if isinstance(motion, Suite) else motion  # whose shape all records have
     check_shapes(blocks=blocks, restitution=restitution, motion=single, duration=duration)

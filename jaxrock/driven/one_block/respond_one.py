@@ -14,7 +14,6 @@ from ...host import Status
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     Number,
-    Reals,
     as_array,
     as_name,
     as_real,
@@ -122,11 +121,9 @@ def respond(
     if duration is None and isinstance(motion, Still):
         raise ValueError("duration must be given for still ground, which has no end")
     duration = motion.end if duration is None else duration
-    arguments = {"restitution": restitution, "duration": duration}
-    arguments |= {"rotation": rotation, "velocity": velocity}
-    numbers = {name: as_real(name, value) for name, value in arguments.items()}
-    driven = unify_precision(Driven(block=block, motion=motion, **numbers))
-    _check_scalar(block, motion, numbers)
+    driven = Driven(block, restitution, motion, duration, rotation, velocity)
+    _check_scalar(driven)
+    driven = unify_precision(driven)
     dtype = driven.restitution.dtype
     rtol, atol = _choose_tolerances(rtol, atol, dtype)
     solver = as_name("solver", solver, _SOLVERS)
@@ -174,10 +171,11 @@ def _follow(driven: Driven, settings: _Settings, max_impacts: int) -> Response:
     ).response
 
 
-def _check_scalar(block: Block, motion: Motion, numbers: dict[str, Reals]) -> None:
+def _check_scalar(driven: Driven) -> None:
     """Check that all is scalar but the samples of a record."""
+    motion = driven.motion
     samples = (motion.acceleration, motion.vertical) if isinstance(motion, Record) else ()
-    for name, tree in {"block": block, "motion": motion, **numbers}.items():
+    for name, tree in vars(driven).items():
         for leaf in jax.tree.leaves(tree):
             if jnp.ndim(leaf) != any(leaf is rows for rows in samples):
                 raise ValueError(f"{name} must be scalar here; respond_batch takes arrays")

@@ -110,7 +110,7 @@ class Response(Printed, eqx.Module):
         ValueError
             If the response was computed without events, with ``max_impacts=0``.
         """
-        times = as_real("time", time)
+        times = as_real("time", time, unit="s")
         driven = self.scene
         events = self.events
         shape = times.shape

@@ -53,7 +53,7 @@ def make_claims(unit: str | None, time_step: float | int | None) -> Claims:
     if unit is not None:
         claims = claims.add_unit(0, f"unit is {unit!r}", require_unit(unit))
     if time_step is not None:
-        step = as_real("time_step", time_step)
+        step = as_real("time_step", time_step, unit="s")
         check("time_step", step, POSITIVE)
         seconds = float(time_step if isinstance(time_step, float | int) else step)
         claims = claims.add_step(0, f"time_step is {seconds} s", seconds)
