@@ -41,7 +41,8 @@ def test_the_plan_shows_every_room():
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports_go_upwards_through_faces(path):
-    depth, room = len(path.relative_to(PACKAGE).parts), room_of(path)
+    depth = len(path.relative_to(PACKAGE).parts)
+    room = room_of(path)
     inner = {each.name for each in (PACKAGE / room).glob("*/")}
     for level, name in imports(path):
         if level < depth:  # inside of the room

@@ -504,7 +504,8 @@ def test_a_block_that_falls_stays_in_the_picture(slenderness):
     block = jr.Block(0.4, slenderness)
     for rotation in np.linspace(-np.pi / 2, np.pi / 2, 11):
         ax = plot_block(block, float(rotation))
-        (x0, x1), (y0, y1) = ax.get_xlim(), ax.get_ylim()
+        x0, x1 = ax.get_xlim()
+        y0, y1 = ax.get_ylim()
         x, y = outline_of(ax).T
         assert x0 < x.min() <= x.max() < x1
         assert y0 < y.min() <= y.max() < y1
@@ -562,7 +563,8 @@ def test_resonance_until_it_overturns():
 def test_train(model):
     """Pulses outward and inward, in flight and after impacts: as `respond_to_train` has it."""
     rocker = Rocker(WALL.block, jnp.asarray(0.7), model)
-    skips, weights = np.array([0, 0, 1, 2]), np.array([1.0, 0.4, 0.7, -0.3])
+    skips = np.array([0, 0, 1, 2])
+    weights = np.array([1.0, 0.4, 0.7, -0.3])
     phases = np.array([0.0, 0.3, 0.6, 0.2])
     shape = Train(*(jnp.asarray(part) for part in (phases, 0.5 * weights, skips)))
     outcome = jax.jit(follow_phased_train)(rocker, shape)
