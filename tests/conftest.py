@@ -39,7 +39,8 @@ hypothesis.settings.load_profile("jaxrock")
 
 LARGEST_FOLDER = 1e9  # bytes of programs that are kept from run to run
 # Bytes of a process, beyond which it drops its programs.
-LARGEST_AFTER_A_FILE, LARGEST_AFTER_A_TEST = 0.7e9, 0.9e9
+LARGEST_AFTER_A_FILE = 0.7e9
+LARGEST_AFTER_A_TEST = 0.9e9
 
 collect_ignore = ["references", "tables", "tools"]  # no tests
 

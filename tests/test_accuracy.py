@@ -86,7 +86,8 @@ def test_value_and_derivatives_in_float64(name):
     One program does for the samples and the edges.
     """
     samples, truth = frozen_truth(name, np.float64)
-    function, which = CASES[name].ours, range(len(samples.arguments))
+    function = CASES[name].ours
+    which = range(len(samples.arguments))
     edges = {edge: frozen.entry("edges", name, edge) for edge in EDGES if name in ON_SCENES}
 
     @jax.jit
@@ -112,7 +113,8 @@ def test_value_and_derivatives_in_float64(name):
         for position, exact in enumerate(gradient):
             if exact is None:
                 continue
-            ours, other = float(reverse[position][index]), float(forward[position][index])
+            ours = float(reverse[position][index])
+            other = float(forward[position][index])
             where = ([a[index] for a in samples.arguments], position, ours, other, exact)
             if exact == 0:  # does not depend on it at all
                 assert ours == other == 0, where

@@ -1,4 +1,4 @@
-"""The rooms of the package: who may import whom, and through which door."""
+"""The rooms of the package: who may import whom, through which door, and how they are written."""
 
 import ast
 import inspect
@@ -41,7 +41,8 @@ def test_the_plan_shows_every_room():
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
 def test_imports_go_upwards_through_faces(path):
-    depth, room = len(path.relative_to(PACKAGE).parts), room_of(path)
+    depth = len(path.relative_to(PACKAGE).parts)
+    room = room_of(path)
     inner = {each.name for each in (PACKAGE / room).glob("*/")}
     for level, name in imports(path):
         if level < depth:  # inside of the room
@@ -60,54 +61,116 @@ def test_files_are_of_a_size_to_be_read():
     assert sum(count > 400 for count in lines.values()) <= 3
 
 
-def per_thousand(count):
-    """How often something occurs in a thousand lines of the package, or of some rooms."""
-
-    def of(*rooms):
-        texts = [TEXTS[path] for path in FILES if not rooms or room_of(path) in rooms]
-        lines = sum(len(text.splitlines()) for text in texts)
-        return 1000 * sum(map(count, texts)) / lines
-
-    return of
+TESTS = {path: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")}
 
 
-@per_thousand
+def texts_of(room):
+    if room == "tests":
+        return list(TESTS.values())
+    return [TEXTS[path] for path in FILES if room_of(path) == room]
+
+
+def per_thousand(count, texts):
+    """How often something occurs in a thousand lines."""
+    return 1000 * sum(map(count, texts)) / sum(len(text.splitlines()) for text in texts)
+
+
 def parallel_assignments(text):
-    """`a, b = x, y`: for swaps; all else is read one by one."""
-    return sum(
-        isinstance(node, ast.Assign)
-        and isinstance(node.value, ast.Tuple)
-        and any(isinstance(target, ast.Tuple) for target in node.targets)
-        for node in ast.walk(ast.parse(text))
-    )
+    """`a, b = x, y`, where no right side needs the old value of a target: no swap."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple | ast.List):
+            targets = [part for target in node.targets for part in getattr(target, "elts", [])]
+            for k, value in enumerate(node.value.elts):
+                read = {ast.unparse(part) for part in ast.walk(value)}
+                if {ast.unparse(target) for target in targets[:k]} & read:
+                    break
+            else:
+                if targets:
+                    yield ast.unparse(node)
 
 
-@per_thousand
 def names_of_any_type(text):
     return len(re.findall(r"\bAny\b", text))
 
 
-@per_thousand
 def long_lines(text):
     return sum(len(line) > 95 for line in text.splitlines())
 
 
-@per_thousand
 def comments(text):
     return sum(line.strip().startswith("#") for line in text.splitlines())
 
 
+CODE = [room for room in ROOMS if room != "data"]
 HARD = ("numerics", "driven", "steady", "overturning", "calibration", "grids")
+# Per thousand lines, where a room has reason for more.
+MOST_OF_ANY = {"validation": 20}  # it is asked about whatever users pass
+MOST_LONG_LINES = {"tables": 16}  # sentences with what may stand in a file
+FEWEST_COMMENTS = {"tests": 10} | dict.fromkeys(HARD, 40)
 
 
-def test_the_source_can_be_read():
-    assert parallel_assignments() <= 1
-    assert names_of_any_type() <= 10
-    assert long_lines() <= 5
-    assert comments(*HARD) >= 40
-    assert comments() >= 30
+@pytest.mark.parametrize("room", [*CODE, "tests"])
+def test_the_source_can_be_read(room):
+    texts = texts_of(room)
+    assert not [statement for text in texts for statement in parallel_assignments(text)]
+    assert per_thousand(names_of_any_type, texts) <= MOST_OF_ANY.get(room, 10)
+    assert per_thousand(long_lines, texts) <= MOST_LONG_LINES.get(room, 10)
+    assert per_thousand(comments, texts) >= FEWEST_COMMENTS.get(room, 20)
+
+
+def test_the_package_can_be_read():
+    assert per_thousand(comments, TEXTS.values()) >= 40
+    assert per_thousand(long_lines, TEXTS.values()) <= 5
     riddles = re.compile(r'"""(What|Whether|How|Where|Which|When)\b')
     assert not [path.name for path in FILES if riddles.search(TEXTS[path])]
+
+
+PLACEHOLDERS = {
+    "must",
+    "wrong",
+    "said",
+    "got",
+    "found",
+    "each",
+    "one",
+    "own",
+    "rest",
+    "others",
+}
+# Variables that are still called so. A number may be lowered, never raised; a room that is not
+# here has none.
+PLACEHOLDERS_LEFT = {
+    "accuracy": 11,
+    "calibration": 16,
+    "cli": 35,
+    "driven": 15,
+    "grids": 11,
+    "ground_motion": 14,
+    "host": 4,
+    "numerics": 2,
+    "overturning": 1,
+    "plot": 13,
+    "reports": 3,
+    "resonance": 8,
+    "risk": 4,
+    "sensitivity": 8,
+    "spectra": 6,
+    "steady": 14,
+    "validation": 12,
+}
+
+
+@pytest.mark.parametrize("room", CODE)
+def test_variables_are_called_what_they_are(room):
+    names = [
+        node.arg if isinstance(node, ast.arg) else node.id
+        for text in texts_of(room)
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.arg)
+        or (isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
+    ]
+    placeholders = [name for name in names if name in PLACEHOLDERS]
+    assert len(placeholders) <= PLACEHOLDERS_LEFT.get(room, 0), placeholders
 
 
 NO_VERBS = re.compile(

@@ -178,7 +178,8 @@ PULSE = jr.HalfSine(4.0, 0.4)
     ],
 )
 def test_a_model_is_given_itself_or_by_its_name(answer):
-    linearized, nonlinear = answer(jr.Linearized()), answer(jr.Nonlinear())
+    linearized = answer(jr.Linearized())
+    nonlinear = answer(jr.Nonlinear())
     np.testing.assert_array_equal(answer("linearized"), linearized)
     np.testing.assert_array_equal(answer("nonlinear"), nonlinear)
     assert (linearized != nonlinear).all()

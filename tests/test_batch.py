@@ -76,7 +76,8 @@ def test_no_impact_is_passed_over(half_width, slenderness, c, pulse, peak, rtol)
 @pytest.mark.float64
 def test_slopes_where_a_step_ends_at_a_corner():
     """The end of a pulse and the time step of a record move what the block has done by then."""
-    block, c = jr.Block(0.2, 5.0), 0.85
+    block = jr.Block(0.2, 5.0)
+    c = 0.85
     samples = 3.0 * np.sin(np.linspace(0, 2 * np.pi, 60))
 
     def pulse(duration):
@@ -132,7 +133,8 @@ def test_lanes_are_of_one_size():
 
 def test_an_impact_behind_the_input_counts_once():
     """A block that overturns on the other side, however long it is followed: `mode` is the same."""
-    block, pulse = jr.Block(0.1, 5.0), jr.Sine(6.22, 0.6)
+    block = jr.Block(0.1, 5.0)
+    pulse = jr.Sine(6.22, 0.6)
     fallen = jr.respond(block, 0.99, pulse, 6.0)
     assert fallen.final_rotation == -np.pi / 2
     assert fallen.impact_times[-1] > pulse.end
@@ -197,7 +199,8 @@ def test_table_of_short_pulses_is_what_it_says():
 def test_error_is_what_is_asked_for(shape):
     """Through impacts, from three digits to twelve."""
     rng = np.random.default_rng(3)
-    half_width, slenderness = rng.uniform(0.1, 0.5, 50), rng.uniform(3, 8, 50)
+    half_width = rng.uniform(0.1, 0.5, 50)
+    slenderness = rng.uniform(3, 8, 50)
     restitution = rng.uniform(0.5, 0.95, 50)
     strongest = 1.6 if shape == "Rectangular" else 4
     amplitude = 9.81 / slenderness * rng.uniform(1.2, strongest, 50)
@@ -207,7 +210,8 @@ def test_error_is_what_is_asked_for(shape):
     truth = stepping.follow(rocker, ground, 3.0, rtol=1e-13)
     stands = ~truth.overturned
     assert stands.sum() > 5
-    block, pulse = jr.Block(half_width, slenderness), getattr(jr, shape)(amplitude, duration)
+    block = jr.Block(half_width, slenderness)
+    pulse = getattr(jr, shape)(amplitude, duration)
     for rtol in (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12):
         found = jr.respond_batch(block, restitution, pulse, pulse.end + 3.0, rtol=rtol)
         np.testing.assert_array_equal(found.overturned, truth.overturned)
@@ -227,7 +231,8 @@ def test_rough_input_against_independent_integration():
     number, samples = SEVERAL
     step = np.resize([0.005, 0.05, 0.3], number)
     shaking = rng.uniform(-1, 1, (number, samples)) * 20.0
-    half_width, slenderness = 10 ** rng.uniform(-1, 0.3, number), rng.uniform(1.2, 8, number)
+    half_width = 10 ** rng.uniform(-1, 0.3, number)
+    slenderness = rng.uniform(1.2, 8, number)
     restitution = rng.uniform(0.4, 0.9, number)
     found = jr.respond_batch(
         jr.Block(half_width, slenderness),
@@ -237,7 +242,8 @@ def test_rough_input_against_independent_integration():
     )
 
     def value(motion, piece, time):
-        left, right = shaking[motion, piece], shaking[motion, piece + 1]
+        left = shaking[motion, piece]
+        right = shaking[motion, piece + 1]
         there = left + time / step[motion] * (right - left)
         return there, np.zeros_like(there)
 
@@ -258,12 +264,11 @@ def test_where_the_ground_falls_away():
     That is no motion of a block, and the normal force says so, but all agree on it.
     """
     rng = np.random.default_rng(0)
-    (n, samples), step = SEVERAL, 0.08
-    b, slenderness, c = (
-        10 ** rng.uniform(-1, 0.2, n),
-        rng.uniform(1.5, 6, n),
-        rng.uniform(0.5, 0.9, n),
-    )
+    n, samples = SEVERAL
+    step = 0.08
+    b = 10 ** rng.uniform(-1, 0.2, n)
+    slenderness = rng.uniform(1.5, 6, n)
+    c = rng.uniform(0.5, 0.9, n)
     horizontal = rng.normal(0, 2 * 9.81 / slenderness[:, None], (n, samples))
     vertical = rng.normal(0, 12.0, (n, samples))
     # In half of them both sides are lifted on the way to the second sample.
@@ -272,12 +277,14 @@ def test_where_the_ground_falls_away():
 
     def value(motion, piece, time):
         both = np.stack([horizontal, vertical])
-        left, right = both[:, motion, piece], both[:, motion, piece + 1]
+        left = both[:, motion, piece]
+        right = both[:, motion, piece + 1]
         return tuple(left + time / step * (right - left))
 
     ground = stepping.Ground(np.broadcast_to(step * np.arange(12), (n, samples)), value)
     expected = stepping.follow(stepping.Rocker(b, slenderness, c), ground, 0.0)
-    block, record = jr.Block(b, slenderness), jr.Record(horizontal, step, vertical)
+    block = jr.Block(b, slenderness)
+    record = jr.Record(horizontal, step, vertical)
     found = jr.respond_batch(block, c, record, record.end)
     np.testing.assert_array_equal(found.overturned, expected.overturned)
     assert 8 < expected.overturned.sum() < n - 8
@@ -308,7 +315,9 @@ def test_estimate_of_within_covers_what_an_independent_integration_finds():
 
 def test_threads_are_no_more_than_there_are_workers():
     """However many callers there are, as where each is a thread of another pool."""
-    busy, most, lock = [], [], threading.Lock()
+    busy = []
+    most = []
+    lock = threading.Lock()
 
     def work(_):
         with lock:
@@ -356,7 +365,8 @@ def test_threads_work_under_the_settings_of_the_caller():
     ],
 )
 def test_pulses_against_adaptive(shape, linearized):
-    block, amplitude = jr.Block(0.4, 5.0), np.linspace(1.5, 6.0, 10)
+    block = jr.Block(0.4, 5.0)
+    amplitude = np.linspace(1.5, 6.0, 10)
     found = jr.respond_batch(
         block,
         0.9,
@@ -441,7 +451,8 @@ CORNERS = {
 @pytest.mark.parametrize("corner", CORNERS)
 def test_corners_against_adaptive(corner):
     scene = CORNERS[corner]
-    r, found = jr.respond(*scene), jr.respond_batch(*scene)
+    r = jr.respond(*scene)
+    found = jr.respond_batch(*scene)
     assert found.complete
     scale = float(r.peak_rotation)
     assert float(found.peak_rotation) == pytest.approx(scale, rel=1e-5)
@@ -473,7 +484,8 @@ def test_input_that_just_lifts():
 def test_a_block_does_not_depend_on_its_batch():
     rng = np.random.default_rng(0)
     block = jr.Block(rng.uniform(0.1, 0.5, 301), rng.uniform(3, 8, 301))
-    c, record = rng.uniform(0.5, 0.95, 301), jr.example_record()
+    c = rng.uniform(0.5, 0.95, 301)
+    record = jr.example_record()
     together = jr.respond_batch(block, c, record, 20.0)
     for part in (slice(0, 1), slice(7, 60), slice(0, 301, 5)):
         some = jax.tree.map(lambda leaf, part=part: leaf[part] if leaf.ndim else leaf, block)
@@ -484,7 +496,8 @@ def test_a_block_does_not_depend_on_its_batch():
 
 @pytest.mark.thorough
 def test_several_records_and_shapes():
-    north, east = jr.example_record("north"), jr.example_record("east")
+    north = jr.example_record("north")
+    east = jr.example_record("east")
     both = jr.Record(jnp.stack([north.acceleration, east.acceleration]), 0.01)
     block = jr.Block(np.array([[0.1], [0.2], [0.3]]), 6.0)
     found = jr.respond_batch(block, 0.8, both, 15.0)

@@ -56,7 +56,9 @@ def test_the_rectangle_has_a_reciprocal_without_rounding():
 
 
 def test_a_rectangle_given_by_its_mass_and_inertia(eps):
-    width, height, mass = 0.8, 4.0, 2500.0
+    width = 0.8
+    height = 4.0
+    mass = 2500.0
     inertia = mass * (width**2 + height**2) / 12
     block = jr.Block.from_body(width / 2, height / 2, mass, inertia)
     assert block.inertia_ratio == pytest.approx(4 / 3, rel=4 * eps)
@@ -76,7 +78,8 @@ def test_moment_of_inertia_about_the_edge(body, eps):
 @pytest.mark.parametrize("body", BODIES)
 def test_impact_conserves_the_angular_momentum_about_the_new_edge(body, eps):
     """Before it, the masses turn about the old edge with unit velocity, after it about the new."""
-    old, new = body.from_edge(-1), body.from_edge(1)
+    old = body.from_edge(-1)
+    new = body.from_edge(1)
     before = (body.mass * cross(new, np.stack([-old[1], old[0]]))).sum()
     after = (body.mass * cross(new, np.stack([-new[1], new[0]]))).sum()
     assert jr.housner_restitution(body.block) == pytest.approx(before / after, abs=20 * eps)
@@ -105,7 +108,8 @@ def test_a_pulse_conserves_the_angular_momentum_about_the_edge(body, eps):
 
 @pytest.mark.parametrize("body", BODIES)
 def test_energy_of_the_masses_is_conserved(body, eps):
-    block, model = body.block, jr.Nonlinear()
+    block = body.block
+    model = jr.Nonlinear()
     velocity = 0.7 * float(model.critical_velocity(block))
     peak = float(model.peak_rotation(block, velocity))
     place = body.from_edge()
@@ -122,12 +126,14 @@ def test_acceleration_is_that_of_newton_and_euler(body):
     rng = np.random.default_rng(7)
     equation = Equation.of(body.block, jr.Nonlinear())
     for _ in range(20):
-        rotation, velocity = rng.uniform(0, 0.5), rng.normal()
+        rotation = rng.uniform(0, 0.5)
+        velocity = rng.normal()
         push, lift = rng.normal(0, 0.5, 2)
         tilt = float(body.block.critical_angle) - rotation
         radius = float(body.block.half_diagonal)
         # The centre, seen from the edge to the right, on which the body turns clockwise.
-        x, y = -radius * math.sin(tilt), radius * math.cos(tilt)
+        x = -radius * math.sin(tilt)
+        y = radius * math.cos(tilt)
         # Unknown are the force from the ground and the acceleration.
         matrix = [[1, 0, -body.total * y], [0, 1, body.total * x], [y, -x, body.inertia]]
         weight = body.total * GRAVITY
@@ -154,12 +160,12 @@ def test_driven_response(ratio):
     rng = np.random.default_rng(int(100 * ratio))
     impacts = 0
     for _ in range(4):
-        b, slenderness, c = 10 ** rng.uniform(-1, 0), rng.uniform(2, 8), rng.uniform(0.5, 0.9)
+        b = 10 ** rng.uniform(-1, 0)
+        slenderness = rng.uniform(2, 8)
+        c = rng.uniform(0.5, 0.9)
         numbers = b, slenderness, ratio, c
-        amplitude, duration = (
-            GRAVITY / slenderness * rng.uniform(1.1, 2.0),
-            rng.uniform(0.3, 1.0),
-        )
+        amplitude = GRAVITY / slenderness * rng.uniform(1.1, 2.0)
+        duration = rng.uniform(0.3, 1.0)
         block, c, motion, rocker = scene_of(numbers, jr.Sine(amplitude, duration))
         ground = stepping.pulse("Sine", amplitude, duration)
         expected = stepping.follow(rocker, ground, settle=1.0)
@@ -168,7 +174,8 @@ def test_driven_response(ratio):
         assert found.peak_rotation == pytest.approx(expected.peak[0], rel=1e-8)
         assert found.margin == pytest.approx(expected.margin[0], abs=1e-8)
         n = min(found.impact_times.size, expected.impacts[0], 10)
-        times, velocities = expected.impact_times[0], expected.impact_velocities[0]
+        times = expected.impact_times[0]
+        velocities = expected.impact_velocities[0]
         np.testing.assert_allclose(found.impact_times[:n], times[:n], rtol=1e-8)
         np.testing.assert_allclose(found.impact_velocities[:n], velocities[:n], rtol=1e-7)
         batch = jr.respond_batch(block, c, motion, rtol=1e-11)
@@ -185,7 +192,8 @@ def test_driven_response(ratio):
 def test_closed_forms(ratio, model):
     """Peak, duration and motion of free rocking by root finding, quadrature and integration."""
     block = jr.Block(0.3, 4.0, inertia_ratio=ratio)
-    angle, radius = math.atan(0.25), 0.3 * math.sqrt(17)
+    angle = math.atan(0.25)
+    radius = 0.3 * math.sqrt(17)
     square = GRAVITY / (ratio * radius)
     linear = isinstance(model, jr.Linearized)
 
@@ -292,7 +300,8 @@ def test_derivatives_with_respect_to_the_inertia_ratio():
         return jnp.stack([width, *housner])
 
     for answer, rtol in ((forces, 1e-5), (closed, 1e-8)):
-        slopes, at = jax.jit(jax.jacfwd(answer)), jax.jit(answer)
+        slopes = jax.jit(jax.jacfwd(answer))
+        at = jax.jit(answer)
         for ratio in (1.1, 4 / 3, 2.2):
             expected = (at(ratio + step) - at(ratio - step)) / (2 * step)
             np.testing.assert_allclose(slopes(ratio), expected, rtol=rtol)
@@ -304,7 +313,8 @@ def test_derivatives_with_respect_to_the_inertia_ratio():
 
 
 def test_from_parameters(eps):
-    p, angle = np.linspace(1, 5, 5), np.linspace(0.05, 1.5, 5)
+    p = np.linspace(1, 5, 5)
+    angle = np.linspace(0.05, 1.5, 5)
     for ratio in (1.0, 4 / 3, 2.0):
         block = jr.Block.from_parameters(p, angle, 3.7, ratio)
         np.testing.assert_allclose(block.frequency_parameter, p, rtol=10 * eps)
@@ -455,15 +465,18 @@ def test_resonance_spectra(model, eps):
 @pytest.mark.thorough
 @pytest.mark.float64
 def test_spectra_of_driven_motion_depend_on_the_inertia_ratio_by_restitution_only():
-    pulse, free = jr.Sine(4.0, 0.5), {"restitution": 0.9}
+    pulse = jr.Sine(4.0, 0.5)
+    free = {"restitution": 0.9}
     of_pulse = functools.partial(jr.rocking_spectrum, pulse, [2.0, 3.0, 4.0], 5.0)
     of_shape = functools.partial(jr.overturning_spectrum, jr.Sine, [2.0, 4.0], [1.5, 4.0])
     for spectrum in (of_pulse, of_shape):
-        rectangle, body = spectrum(**free), spectrum(**free, inertia_ratio=1.1)
+        rectangle = spectrum(**free)
+        body = spectrum(**free, inertia_ratio=1.1)
         assert body.attrs["inertia_ratio"] == 1.1
         for name in ("peak_rotation", "margin"):
             np.testing.assert_allclose(body[name], rectangle[name], rtol=1e-8)
-        own, other = spectrum(), spectrum(inertia_ratio=1.1)
+        own = spectrum()
+        other = spectrum(inertia_ratio=1.1)
         assert (own.margin != other.margin).any()
     edges = [
         jr.overturning_map(jr.Sine, [2.0, 4.0], **free, inertia_ratio=ratio, resolution=0.1)
@@ -475,7 +488,8 @@ def test_spectra_of_driven_motion_depend_on_the_inertia_ratio_by_restitution_onl
 
 @pytest.mark.float64
 def test_boundary_along_the_inertia_ratio():
-    pulse, slenderness = jr.HalfSine(4.0, 0.4), 5.0
+    pulse = jr.HalfSine(4.0, 0.4)
+    slenderness = 5.0
     width = jr.overturning_boundaries(
         jr.Block(0.1, slenderness), 0.9, pulse, "half_width", np.linspace(0.05, 0.5, 10)
     ).value
@@ -492,8 +506,10 @@ def test_costs_of_float32():
     """What is stated for a body whose inertia ratio is rounded covers what happens."""
     rng = np.random.default_rng(3)
     size = 400
-    ratio, c = rng.uniform(1, 3, size), rng.uniform(0.3, 0.8, size)
-    b, slenderness = 10 ** rng.uniform(-1, 0.5, size), rng.uniform(2, 12, size)
+    ratio = rng.uniform(1, 3, size)
+    c = rng.uniform(0.3, 0.8, size)
+    b = 10 ** rng.uniform(-1, 0.5, size)
+    slenderness = rng.uniform(2, 12, size)
     block = jr.Block(b, slenderness, inertia_ratio=ratio)
     for model in MODELS:
         intensity = rng.uniform(0.1, 0.9, size) * jr.critical_intensity(block, c, model=model)

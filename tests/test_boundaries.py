@@ -44,10 +44,13 @@ def test_makris_and_roussos(width, height, shape, duration, expected):
 def test_against_scipy():
     """Thirty boundaries of blocks at random: the outcome changes there, and the mode is theirs."""
     rng = np.random.default_rng(5)
-    checked, cases = 0, {}
+    checked = 0
+    cases = {}
     while checked < 30:
-        half_width, slenderness = 10 ** rng.uniform(-1.3, 0.2), rng.uniform(2, 9)
-        c, duration = rng.uniform(0.6, 0.95), rng.uniform(0.2, 1.2)
+        half_width = 10 ** rng.uniform(-1.3, 0.2)
+        slenderness = rng.uniform(2, 9)
+        c = rng.uniform(0.6, 0.95)
+        duration = rng.uniform(0.2, 1.2)
         shape = (jr.HalfSine, jr.Sine, jr.Cosine)[checked % 3]
         linearized = bool(rng.random() < 0.5) and shape is jr.Sine
         block = jr.Block(half_width, slenderness)
@@ -56,7 +59,8 @@ def test_against_scipy():
         )
         assert bool(found.complete)
         for k in range(int(found.count)):
-            edge, beyond = float(found.value[k]), bool(found.overturns_beyond[k])
+            edge = float(found.value[k])
+            beyond = bool(found.overturns_beyond[k])
             for factor, expected in ((1 - 1e-6, not beyond), (1 + 1e-6, beyond)):
                 numbers = (half_width, slenderness, c, edge * factor, duration)
                 outcome = (expected, int(found.impacts[k]))
@@ -77,7 +81,8 @@ def test_no_window_of_a_percent_is_missed():
     """Twenty blocks, ratios from 1 to 10, against a search ten times as fine."""
     rng = np.random.default_rng(8)
     block = jr.Block(10 ** rng.uniform(-1.3, -0.3, 20), rng.uniform(2, 9, 20))
-    c, duration = rng.uniform(0.6, 0.95, 20), rng.uniform(0.3, 1.0, 20)
+    c = rng.uniform(0.6, 0.95, 20)
+    duration = rng.uniform(0.3, 1.0, 20)
     coarse = jr.critical_amplitude(block, c, jr.Sine, duration)
     fine = jr.critical_amplitude(block, c, jr.Sine, duration, resolution=1e-3)
     windows = 0
@@ -149,14 +154,16 @@ def test_second_derivatives(name):
 
     def edge(at):
         if name == "on a record":
-            block, factors = jr.Block(at[0], at[1]), np.linspace(0.5, 6, 40)
+            block = jr.Block(at[0], at[1])
+            factors = np.linspace(0.5, 6, 40)
             return jr.overturning_boundaries(block, at[2], record, "factor", factors).value[0]
         block = jr.Block(at[0], at[1], at[4])
         options = {"ratios": (1.0, 9.0), "resolution": 0.05}
         return jr.critical_amplitude(block, at[2], jr.HalfSine, at[3], **options).value[0]
 
     at = np.array([0.2, 5.0, 0.8] if name == "on a record" else [0.1, 5.0, 0.9, 0.5, 9.81])
-    second, slopes = jax.jacfwd(jax.jacfwd(edge))(at), jax.jacfwd(edge)
+    second = jax.jacfwd(jax.jacfwd(edge))(at)
+    slopes = jax.jacfwd(edge)
 
     def difference(step):
         moved = step * np.diag(at)
@@ -178,7 +185,8 @@ def test_second_derivatives_of_the_margin_on_a_record():
         return jr.respond(jr.Block(at[0], at[1]), at[2], record.scaled(at[3])).margin
 
     at = np.array([0.2, 5.0, 0.8, 1.0])
-    second, slopes = jax.jacfwd(jax.jacfwd(margin))(at), jax.jit(jax.jacfwd(margin))
+    second = jax.jacfwd(jax.jacfwd(margin))(at)
+    slopes = jax.jit(jax.jacfwd(margin))
 
     def difference(step):
         moved = step * np.diag(at)
@@ -191,7 +199,8 @@ def test_second_derivatives_of_the_margin_on_a_record():
 
 def test_derivative_where_nothing_is_lost():
     """At C = 1 two margins vanish at once. From one-sided differences of four sizes."""
-    block, factors = jr.Block(0.2, 5.0), (1.1, 6.0)
+    block = jr.Block(0.2, 5.0)
+    factors = (1.1, 6.0)
 
     def amplitude(c):
         return jr.critical_amplitude(block, c, jr.Sine, 0.5, factors).value[0]
@@ -208,7 +217,9 @@ def test_derivative_where_nothing_is_lost():
 
 def test_other_quantities_lead_to_the_same_boundary():
     """At a critical amplitude duration, size, shape, inertia and restitution are critical, too."""
-    block, c, duration = jr.Block(0.1, 5.0), 0.9, 0.5
+    block = jr.Block(0.1, 5.0)
+    c = 0.9
+    duration = 0.5
     amplitude = jr.critical_amplitude(block, c, jr.Sine, duration).value[0]
     pulse = jr.Sine(amplitude, duration)
     for along, value in {
@@ -239,22 +250,26 @@ def test_slopes_along_other_quantities(along):
 
     def quantity(amplitude):
         value = numbers[along]
-        block, pulse = jr.Block(0.1, 5.0), jr.Sine(amplitude, 0.5)
+        block = jr.Block(0.1, 5.0)
+        pulse = jr.Sine(amplitude, 0.5)
         values = value * np.linspace(0.95, 1.05, 5)
         return jr.overturning_boundaries(block, 0.9, pulse, along, values).value[0]
 
     there = amplitude(numbers[along])
-    forth, back = jax.jacfwd(amplitude)(numbers[along]), jax.jacfwd(quantity)(there)
+    forth = jax.jacfwd(amplitude)(numbers[along])
+    back = jax.jacfwd(quantity)(there)
     assert float(forth * back) == pytest.approx(1, abs=1e-8)
 
 
 @SLOW
 def test_record():
     """A boundary below the chaotic ones, against the adaptive integrator."""
-    block, record = jr.Block(0.3, 3.0), jr.example_record()
+    block = jr.Block(0.3, 3.0)
+    record = jr.example_record()
     found = jr.overturning_boundaries(block, 0.5, record, "factor", np.linspace(1, 6, 26))
     assert int(found.count) > 0
-    edge, beyond = float(found.value[0]), bool(found.overturns_beyond[0])
+    edge = float(found.value[0])
+    beyond = bool(found.overturns_beyond[0])
     for factor, expected in ((1 - 1e-6, not beyond), (1 + 1e-6, beyond)):
         response = jr.respond(block, 0.5, record.scaled(edge * factor), rtol=1e-10)
         assert bool(response.overturned) == expected
@@ -293,7 +308,8 @@ def test_derivatives_under_a_record_are_known_in_all_modes():
 @pytest.mark.thorough
 def test_mode_beside_a_narrow_window():
     """Not that of what lies beyond the window, which stands."""
-    block, factors = jr.Block(0.2, 5.0), jnp.linspace(0.5, 2.5, 41)
+    block = jr.Block(0.2, 5.0)
+    factors = jnp.linspace(0.5, 2.5, 41)
     found = jr.overturning_boundaries(block, 0.9, jr.example_record(), "factor", factors)
     beyond = jr.example_record().scaled(found.value[0] * (1 + 1e-9))
     falls = jr.respond_batch(block, 0.9, beyond)

@@ -14,13 +14,15 @@ from scipy import stats
 import jaxrock as jr
 from jaxrock.calibration import fit_driven_rocking, fit_free_rocking
 
-DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
+DOUBLE = pytest.mark.float64
+SLOW = pytest.mark.thorough
 MODELS = ("linearized", "nonlinear")
 BLOCK = jr.Block(0.1, 5.0)
 ANGLE = np.arctan(1 / 5)
 P = np.sqrt(9.81 * np.sin(ANGLE) / (4 / 3 * 0.1))
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
+INF = float("inf")
 
 
 def body(half_width, slenderness):
@@ -51,7 +53,8 @@ def peaks_of(model, angle, ratios):
 def launches(launch, restitution, count, change=0.0):
     """Velocity ratios; C linear in that before an impact, its mean as without a change."""
     constant = launch * restitution ** np.arange(count - 1)
-    before, ratios = constant[:-1], [launch]
+    before = constant[:-1]
+    ratios = [launch]
     slope = change / np.ptp(before)
     for _ in before:
         ratios.append(ratios[-1] * (restitution + slope * (ratios[-1] - before.mean())))
@@ -66,7 +69,8 @@ def impacts(launch, restitution, count, model="nonlinear", p=P, angle=ANGLE, cha
 
 def true_errors(noise, launch, restitution, count, model="nonlinear", p=P, angle=ANGLE):
     """Of C where p is known, of C and p where not: normal equations, by differences."""
-    full, columns = np.array([launch, restitution, p]), [np.ones(count)]
+    full = np.array([launch, restitution, p])
+    columns = [np.ones(count)]
     for k, step in enumerate(1e-4 * np.array([1 - launch, restitution, p])):
         ends = [full + sign * step * np.eye(3)[k] for sign in (-1, 1)]
         low, high = (impacts(*at[:2], count, model, at[2], angle) for at in ends)
@@ -123,7 +127,8 @@ SHORT = {("linearized", "block")}
 )
 def test_exact_measurements(model, way):
     p, angle = body(0.3, 3.0)
-    times, peaks = impacts(0.9, 0.85, 12, model, p, angle), None
+    times = impacts(0.9, 0.85, 12, model, p, angle)
+    peaks = None
     if "peaks" in way:
         peaks = peaks_of(model, angle, launches(0.9, 0.85, 12)) * (-1) ** np.arange(11)
         peaks[4] = NAN
@@ -143,7 +148,8 @@ def test_exact_measurements(model, way):
     if way in ("block", "peaks", "peaks alone"):
         assert fit.standard_errors["frequency_parameter"] == 0
     np.testing.assert_allclose(fit.time_residuals, 0, atol=1e-9)
-    each, ratios = np.asarray(fit.restitutions), np.asarray(fit.velocity_ratios)
+    each = np.asarray(fit.restitutions)
+    ratios = np.asarray(fit.velocity_ratios)
     lost = [4, 3] if alone else []
     np.testing.assert_allclose(np.delete(each, lost), 0.85, rtol=1e-7)
     before = launches(0.9, 0.85, 12)[:-1]
@@ -156,9 +162,12 @@ def test_exact_measurements(model, way):
 def drawn(rng, model, count=None):
     """A test of a block of any kind, without and with noise, half-cycles above six noises."""
     while True:
-        half_width, slenderness = rng.uniform(0.05, 0.5), rng.uniform(2, 12)
-        restitution, launch = rng.uniform(0.5, 0.98), rng.uniform(0.3, 0.95)
-        noise, impacts_ = 10 ** rng.uniform(-4, -2), count or int(rng.integers(5, 21))
+        half_width = rng.uniform(0.05, 0.5)
+        slenderness = rng.uniform(2, 12)
+        restitution = rng.uniform(0.5, 0.98)
+        launch = rng.uniform(0.3, 0.95)
+        noise = 10 ** rng.uniform(-4, -2)
+        impacts_ = count or int(rng.integers(5, 21))
         p, angle = body(half_width, slenderness)
         times = impacts(launch, restitution, impacts_, model, p, angle)
         seen = 1 + int((np.diff(times) > 6 * noise).sum())
@@ -170,7 +179,8 @@ def drawn(rng, model, count=None):
 
 def assert_honest(off, stated, factor=1.0):
     """No bias, and errors stated as large as they are; both over the true ones."""
-    off, stated = np.array(off), np.array(stated)
+    off = np.array(off)
+    stated = np.array(stated)
     assert abs(off.mean()) < 2 * factor * off.std() / off.size**0.5
     chance = 3 / (2 * off.size) ** 0.5  # three standard errors of a scatter
     assert abs(np.sqrt(np.mean(stated**2)) / off.std() - 1) < max(0.1, 1.5 * chance)
@@ -212,7 +222,11 @@ def test_bias_and_errors_of_many_tests(frequency_known):
 @pytest.mark.parametrize("frequency_known", [True, False])
 def test_bias_and_errors_of_a_thousand_tests(model, frequency_known):
     """From 5 to 20 impacts."""
-    rng, off, stated, refused, outside = np.random.default_rng(7), [], [], 0, 0
+    rng = np.random.default_rng(7)
+    off = []
+    stated = []
+    refused = 0
+    outside = 0
     while len(off) < 1000:
         exact, shape, times = drawn(rng, model)
         known, (unknown, of_p) = true_errors(*exact)
@@ -299,7 +313,8 @@ def test_two_missing_impacts():
 @pytest.mark.release
 @pytest.mark.parametrize("model", MODELS)
 def test_nothing_to_repair(model):
-    rng, repaired = np.random.default_rng(3), 0
+    rng = np.random.default_rng(3)
+    repaired = 0
     for _ in range(200):
         _, shape, times = drawn(rng, model)
         repaired += len(fit_free_rocking(times, jr.Block(*shape), model=model).repairs) > 0
@@ -363,7 +378,8 @@ def test_models_that_agree_and_a_block_that_is_not_known():
 @DOUBLE
 def test_ordinary_tests_are_not_refused():
     """Nor does rounding keep the search from ending."""
-    rng, exact = np.random.default_rng(0), impacts(0.95, 0.9, 20)
+    rng = np.random.default_rng(0)
+    exact = impacts(0.95, 0.9, 20)
     for _ in range(40):
         fit_free_rocking(exact + rng.normal(0, 1e-3, 20), BLOCK, repair=False)
 
@@ -372,7 +388,8 @@ def changes(count, change, noise_known, tests, seed):
     """Changes of C and their p-values in many tests."""
     exact = impacts(0.95, 0.9, count, change=change)
     noise = np.random.default_rng(seed).normal(0, 1e-3, (tests, count))
-    shapes, known = np.tile([0.1, 5.0], (tests, 1)), 1e-3 if noise_known else None
+    shapes = np.tile([0.1, 5.0], (tests, 1))
+    known = 1e-3 if noise_known else None
     return several(exact + noise, shapes, time_noise=known)[2:]
 
 
@@ -393,10 +410,13 @@ def test_constancy_of_restitution(count, noise_known):
     """Found as often as Student's test finds it, and not more often where there is no change."""
     tests = 400 if count == 9 else 2000
     fit = fit_free_rocking(impacts(0.95, 0.9, count), BLOCK, time_noise=1e-3)
-    error, freedom = float(fit.restitution_change_error), count - 4
-    null, power = stats.t(freedom), stats.nct(freedom, 3.0)
+    error = float(fit.restitution_change_error)
+    freedom = count - 4
+    null = stats.t(freedom)
+    power = stats.nct(freedom, 3.0)
     if noise_known:
-        null, power = stats.norm(), stats.norm(3.0)
+        null = stats.norm()
+        power = stats.norm(3.0)
     change, p_value = changes(count, 0.0, noise_known, tests, 1)
     alarms = [np.mean(p_value < 0.05), np.mean((p_value < 0.1) & (change > 0))]
     assert change.std() == pytest.approx(error, rel=4 / (2 * tests) ** 0.5)
@@ -575,7 +595,9 @@ def test_either_precision(eps):
 
 
 # A block on a table that moves like one sine, and what is measured of it.
-TABLE, SINE, SAMPLES = jr.Block(0.2, 5.0), jr.Sine(amplitude=2.5, duration=0.8), 201
+TABLE = jr.Block(0.2, 5.0)
+SINE = jr.Sine(amplitude=2.5, duration=0.8)
+SAMPLES = 201
 TIME = np.linspace(0, 4, SAMPLES)
 
 
@@ -624,7 +646,9 @@ def test_driven_errors_by_differences():
 @SLOW
 @pytest.mark.release
 def test_driven_errors_by_repetition():
-    exact, off, stated = rotations(), [], []
+    exact = rotations()
+    off = []
+    stated = []
     for seed in range(40):
         fit = fit_driven_rocking(TIME, noisy(exact, seed=seed)[0], TABLE, SINE, 0.8)
         off.append(float(fit.restitution) - 0.85)
@@ -665,7 +689,8 @@ def test_driven_parameters(parameters):
 def test_driven_from_a_point_mass():
     """An inertia ratio of 1, the least there is, is a start like another one."""
     measured, _ = noisy(rotations())
-    guess, names = jr.Block(0.2, 5.0, inertia_ratio=1.0), ("restitution", "inertia_ratio")
+    guess = jr.Block(0.2, 5.0, inertia_ratio=1.0)
+    names = ("restitution", "inertia_ratio")
     fit = fit_driven_rocking(TIME, measured, guess, SINE, parameters=names)
     error = float(fit.standard_errors["restitution"])
     assert abs(float(fit.restitution) - 0.85) < 4 * error < 0.04
@@ -676,7 +701,9 @@ def test_driven_from_a_point_mass():
 @SLOW
 @pytest.mark.release
 def test_driven_by_a_record():
-    record, block, time = jr.example_record(), jr.Block(0.3, 5.0), np.linspace(0, 40, 2001)
+    record = jr.example_record()
+    block = jr.Block(0.3, 5.0)
+    time = np.linspace(0, 40, 2001)
     measured, noise = noisy(rotations(0.9, block, record, time))
     fit = fit_driven_rocking(time, measured, block, record)
     error = float(fit.standard_errors["restitution"])

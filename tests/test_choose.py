@@ -48,7 +48,8 @@ def test_promise_of_closed_forms_under_pulses_that_last(shape):
     )
     for tolerance in (1e-1, 3e-2, 1e-3):
         choice = jr.choose(given, tolerance, shape, duration)
-        index, stocky = np.asarray(choice.index), np.asarray(given.block.slenderness) < 0.5
+        index = np.asarray(choice.index)
+        stocky = np.asarray(given.block.slenderness) < 0.5
         closed = np.asarray(choice.within_tolerance) & (index < len(CLOSED))
         assert not (closed & stocky).any()
         assert closed.sum() > 20
@@ -86,7 +87,8 @@ def test_promise_under_pulses_that_last(number):
     for tolerance in (1e-1, 1e-3, 1e-5):
         choice = jr.choose(given, tolerance, jr.HalfSine, duration)
         for k in range(number):
-            scene, setting = each(given, k), choice.settings[int(choice.index[k])]
+            scene = each(given, k)
+            setting = choice.settings[int(choice.index[k])]
             if not choice.within_tolerance[k] or setting.level == "pulsed":
                 kinds.add("pulsed")
                 continue
@@ -198,7 +200,8 @@ def test_promise_of_the_tolerance(kind, number):
 @pytest.mark.thorough
 def test_chaos_is_not_promised():
     """Where impacts make answers of rounding itself, no tolerance agrees with the next."""
-    block, record = jr.Block(0.05, 8.0), jr.example_record().scaled(np.linspace(0.2, 3.0, 600))
+    block = jr.Block(0.05, 8.0)
+    record = jr.example_record().scaled(np.linspace(0.2, 3.0, 600))
     within = jr.respond_within(block, 0.98, record, 1e-9)
     assert 0 < np.mean(~within.within_tolerance) < 0.7
     assert (within.error[~within.within_tolerance] > 1e-9).all()

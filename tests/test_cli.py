@@ -133,7 +133,8 @@ def test_gravity_reaches_the_answers(capsys, tmp_path):
 
 @pytest.mark.thorough
 def test_inertia_ratio_reaches_the_answers(capsys, tmp_path):
-    body, block = ("--inertia-ratio", 1.1), jr.Block(0.4, 5.0, inertia_ratio=1.1)
+    body = ("--inertia-ratio", 1.1)
+    block = jr.Block(0.4, 5.0, inertia_ratio=1.1)
     for size in (("--height", 4), ("--slenderness", 5)):
         _, out, _ = run(capsys, "assess", *size, *body, "--json")
         scene = json.loads(out)["scene"]
@@ -366,7 +367,8 @@ def test_fragility(tmp_path, capsys):
     code, text, _ = run(capsys, "fragility", *options, "--hazard", hazard, "--out", out)
     assert code == 0
     answer = json.loads(text)
-    suite, block = jr.read_suite(tmp_path), jr.Block(0.1, 5.0)
+    suite = jr.read_suite(tmp_path)
+    block = jr.Block(0.1, 5.0)
     expected = jr.overturning_rate(block, 0.8, jr.Site(suite, jr.read_hazard(hazard)))
     # Boundaries that are differentiated are located more closely.
     assert answer["rate"] == pytest.approx(float(expected.rate), rel=1e-8)

@@ -98,7 +98,8 @@ jr.grids.write_zarr(blocks(chunks={{"period": 1}}), {path!r})
 @pytest.mark.thorough
 def test_a_run_that_is_killed_is_continued(tmp_path):
     """A chunk of which a part is written counts as none."""
-    path, here = tmp_path / "grid.zarr", str(Path(__file__).parent)
+    path = tmp_path / "grid.zarr"
+    here = str(Path(__file__).parent)
     double = jax.config.jax_enable_x64
     code = RUN.format(double=double, here=here, path=str(path))
     process = subprocess.Popen([sys.executable, "-c", code])
@@ -130,7 +131,9 @@ def test_a_run_that_is_killed_is_continued(tmp_path):
 def test_what_is_made_of_what_is_stored(tmp_path, monkeypatch):
     """Curves over a suite come from stored responses: these are not computed again."""
     function, (*_, chunks) = GRIDS["fragility"]
-    whole, lazy, path = function(), function(chunks=chunks), tmp_path / "grid.zarr"
+    whole = function()
+    lazy = function(chunks=chunks)
+    path = tmp_path / "grid.zarr"
     with dask.config.set(scheduler="synchronous"):
         first = write_zarr(lazy, path)
         same_bits_but_attributes(opened(path), whole)
@@ -254,7 +257,8 @@ def test_what_cannot_be_written(tmp_path):
     ids=["empty", "cut", "flipped", "missing"],
 )
 def test_damaged_chunks_are_computed_again(tmp_path, damage):
-    path, chunk = tmp_path / "grid.zarr", tmp_path / "grid.zarr" / "period" / "1.0.0"
+    path = tmp_path / "grid.zarr"
+    chunk = tmp_path / "grid.zarr" / "period" / "1.0.0"
     write_zarr(grid(), path)
     content = chunk.read_bytes()
     if damage is None:
@@ -302,7 +306,8 @@ def test_a_disk_that_is_full(tmp_path, monkeypatch):
 
 def test_two_runs_that_begin_a_store(tmp_path, monkeypatch):
     """The one that comes second says so."""
-    path, begun = tmp_path / "grid.zarr", []
+    path = tmp_path / "grid.zarr"
+    begun = []
     lexists = os.path.lexists
 
     def not_yet(place):

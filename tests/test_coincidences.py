@@ -17,10 +17,16 @@ import jaxrock as jr
 pytestmark = pytest.mark.float64
 NUMBERS = ["half_width", "slenderness", "restitution", "duration", "rotation", "start"]
 # The last one: of a pulse, or a step of a record.
-DURATION, ROTATION, START, LENGTH = 3, 4, 5, 6
+DURATION = 3
+ROTATION = 4
+START = 5
+LENGTH = 6
 SAMPLES = [4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0]
 LAST = len(SAMPLES) - 1
-FINAL, VELOCITY, IMPACT, FORCES = slice(0, 4), 1, 4, slice(5, 7)
+FINAL = slice(0, 4)
+VELOCITY = 1
+IMPACT = 4
+FORCES = slice(5, 7)
 
 
 def scene(duration, length=0.15, start=0.1, rotation=0.0, strength=SAMPLES):
@@ -80,7 +86,8 @@ def parts(kind, x):
         samples = np.stack(strength, axis=1)
 
         def value(motion, piece, time):
-            left, right = samples[motion, piece], samples[motion, piece + 1]
+            left = samples[motion, piece]
+            right = samples[motion, piece + 1]
             return left + time / length[motion] * (right - left), np.zeros_like(time)
 
         ground = stepping.Ground(length[:, None] * np.arange(samples.shape[1]), value)
@@ -166,14 +173,19 @@ def with_impact(kind, x, toward, number):
 def coincidences(kind):
     """Scenes with an impact at a corner, and how the time between the two changes."""
     if kind == "Record":
-        length, end, level = 0.15, LAST, [1.5] * len(SAMPLES)
+        length = 0.15
+        end = LAST
+        level = [1.5] * len(SAMPLES)
         x = scene(1.2)
         on_a_sample = 3 * np.eye(x.size)[LENGTH] + np.eye(x.size)[START]
         yield "a sample", *with_impact(kind, x, on_a_sample, LENGTH + 2)
         yield "the duration", *with_impact(kind, x, np.eye(x.size)[DURATION], DURATION)
         short = 0.03
     else:
-        length, end, level, short = 0.4, 1, 5.0, 0.2
+        length = 0.4
+        end = 1
+        level = 5.0
+        short = 0.2
     x = scene(0.9, length, **TILTED, strength=level)
     yield "the start", *with_impact(kind, x, np.eye(x.size)[START], START)
     x = scene(0.9, short, **TILTED, strength=level)
@@ -186,7 +198,8 @@ def coincidences(kind):
 def test_impacts_at_corners(kind):
     """The slopes are those of either order of the two, for all numbers the same one."""
     names, x, gaps = (list(part) for part in zip(*coincidences(kind), strict=True))
-    x, gaps = np.stack(x), np.stack(gaps)
+    x = np.stack(x)
+    gaps = np.stack(gaps)
     # What the order does not depend on changes it no more than rounding does: a little apart.
     apart = 1e-9 * np.sign(gaps) * (np.arange(x.shape[1]) == START)
     sides = [(x + s * apart, np.where(s * gaps < 0, -1, 1)) for s in (1, -1)]

@@ -68,7 +68,8 @@ def impact_times(k):
 
 def shaking_test(k):
     """A rotation measured on a shaking table, the block, and the motion of the table."""
-    pulse, time = jr.Sine(2.5 + 0.01 * k, 0.8), np.linspace(0, 4, 101)
+    pulse = jr.Sine(2.5 + 0.01 * k, 0.8)
+    time = np.linspace(0, 4, 101)
     rotation, _ = jr.respond(jr.Block(0.2, 5.0), 0.85, pulse, 4.0).history(time)
     return time, rotation, jr.Block(0.2, 5.0), pulse
 

@@ -121,8 +121,10 @@ def test_width_at_this_height_is_where_brentq_finds_it(model):
     """Of slender and stocky blocks; whatever width the given block has."""
     rng = np.random.default_rng(5)
     number = 12
-    height, intensity = 10 ** rng.uniform(-1, 1, number), 10 ** rng.uniform(-2, 1, number)
-    c, kappa = rng.uniform(0, 1, number), rng.uniform(1, 2, number)
+    height = 10 ** rng.uniform(-1, 1, number)
+    intensity = 10 ** rng.uniform(-2, 1, number)
+    c = rng.uniform(0, 1, number)
+    kappa = rng.uniform(1, 2, number)
     count = rng.integers(1, 9, number).astype(float)
     block = jr.Block(rng.uniform(0.1, 9, number), 1.0, inertia_ratio=kappa)
     block = jr.Block(block.half_width, height / block.width, inertia_ratio=kappa)

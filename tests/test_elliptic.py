@@ -75,7 +75,8 @@ def test_jacobi_against_mpmath():
 @pytest.mark.float64
 def test_motion_on_the_very_verge_has_its_derivatives():
     """At exactly the critical velocity the parameter of the elliptic functions is 1."""
-    model, block = jr.Nonlinear(), jr.Block(0.4, 2.0)
+    model = jr.Nonlinear()
+    block = jr.Block(0.4, 2.0)
     verge = model.critical_velocity(block)
 
     @jax.jit
@@ -98,9 +99,11 @@ def motion(block, velocity, time):
 @pytest.mark.parametrize("ratio", [1.001, 1.5, 20.0])
 def test_path_over_the_top_against_integration(slenderness, ratio):
     """Eq. 1 without input, until the block lies on its side."""
-    model, block = jr.Nonlinear(), jr.Block(0.4, slenderness)
+    model = jr.Nonlinear()
+    block = jr.Block(0.4, slenderness)
     velocity = ratio * model.critical_velocity(block)
-    p, critical = float(block.frequency_parameter), float(block.critical_angle)
+    p = float(block.frequency_parameter)
+    critical = float(block.critical_angle)
 
     def on_its_side(t, state):
         return state[0] - np.pi / 2

@@ -28,7 +28,8 @@ def test_uplift_sample_by_sample(model):
     motion = with_vertical()
     found = uplift_factor(BLOCK, motion, model=model)
     tangent = 1 / 3 if model == "nonlinear" else np.arctan(1 / 3)
-    horizontal, vertical = np.asarray(motion.acceleration), np.asarray(motion.vertical)
+    horizontal = np.asarray(motion.acceleration)
+    vertical = np.asarray(motion.vertical)
     # y f > (g + v f) tan; not at all where the ground comes up faster than it pushes.
     needed = abs(horizontal) - vertical * tangent
     expected = 9.81 * tangent / needed.max()

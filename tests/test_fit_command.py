@@ -17,7 +17,9 @@ from jaxrock.plot import plot_free_rocking_fit
 
 pytestmark = pytest.mark.float64
 
-P, ANGLE = 3.8, 0.2  # of the block that the tests are about
+# of the block that the tests are about
+P = 3.8
+ANGLE = 0.2
 BLOCK = jr.Block.from_parameters(P, ANGLE)
 SIZE = ("--width", 2 * float(BLOCK.half_width), "--height", 2 * float(BLOCK.half_height))
 
@@ -284,7 +286,8 @@ def test_picture_of_a_constant_restitution():
 @pytest.mark.thorough
 def test_picture_of_a_restitution_that_changes():
     """The line lies on the C that was put in; with p fitted there is only the p-value."""
-    change, launch = 0.1, 0.9
+    change = 0.1
+    launch = 0.9
     times = decay(12, launch, 0.9, change, noise=1e-5)[0]
     fit = fit_free_rocking(times, BLOCK, model="linearized")
     line = lines_of(plot_free_rocking_fit(fit).axes[1]).linear

@@ -21,7 +21,8 @@ STRENGTHS = {"Rectangular": (1.02, 1.8), "HalfSine": (1.02, 3.0), "Cosine": (1.5
 
 def scene(rng, kind, bouncing, vertical, inertia_ratio):
     """Block, C, motion, and the motion in pieces."""
-    slenderness, c = rng.uniform(1.3, 8), rng.uniform(0.1, bouncing)
+    slenderness = rng.uniform(1.3, 8)
+    c = rng.uniform(0.1, bouncing)
     half_width = 10 ** rng.uniform(-1, 0.3)
     block = jr.Block(half_width, slenderness, inertia_ratio=inertia_ratio)
     strength = 9.81 / slenderness * rng.uniform(*STRENGTHS.get(kind, (1.02, 5)))
@@ -44,7 +45,9 @@ def scene(rng, kind, bouncing, vertical, inertia_ratio):
 
 def compare(kind, count, seed, bouncing=0.4, vertical=2.5, inertia_ratio=4 / 3):
     rng = np.random.default_rng(seed)
-    worst, overturned, left = 0.0, 0, 0
+    worst = 0.0
+    overturned = 0
+    left = 0
     for _ in range(count):
         block, c, motion, ground = scene(rng, kind, bouncing, vertical, inertia_ratio)
         settle = 3 / float(block.frequency_parameter)
@@ -61,7 +64,8 @@ def compare(kind, count, seed, bouncing=0.4, vertical=2.5, inertia_ratio=4 / 3):
         assert off < 1e-6, f"{block}, C {c}, {motion}: {r}\n{vars(expected)}"
         assert (abs(float(r.final_rotation)) >= math.pi / 2) == expected.over
         assert expected.over or abs(float(r.final_rotation) - expected.alpha) < 1e-7
-        worst, overturned = max(worst, off), overturned + expected.over
+        worst = max(worst, off)
+        overturned = overturned + expected.over
         lost = float(np.nan_to_num(r.contact_loss_time, nan=np.inf))
         assert lost == pytest.approx(expected.loss, abs=1e-5)
         left += expected.normal <= 0
@@ -115,7 +119,8 @@ def test_a_block_that_is_lifted_at_once_has_not_stood_still(kind):
 
 
 def test_extremes_of_the_forces_under_a_pulse_that_lifts_at_once():
-    block, pulse = jr.Block(0.2, 5.0), jr.Cosine(4.0, 0.3)
+    block = jr.Block(0.2, 5.0)
+    pulse = jr.Cosine(4.0, 0.3)
     expected = Trajectory(
         stepping.Rocker(0.2, 5.0, 0.9), pieces_of(stepping.pulse("Cosine", 4.0, 0.3)), 0.7
     )
@@ -185,10 +190,12 @@ def test_launched_blocks_that_overturn():
 @pytest.mark.thorough
 def test_states_of_no_step():
     """Just before an impact, at a turn and at rest the forces are largest in turn."""
-    block, model = jr.Block(0.3, 4.0), jr.Nonlinear()
+    block = jr.Block(0.3, 4.0)
+    model = jr.Nonlinear()
     launch = 0.5 * model.critical_velocity(block)
     end = 0.9 * model.half_cycle_duration(block, launch)
-    q, square = np.arctan(0.25), float((launch / block.frequency_parameter) ** 2)
+    q = np.arctan(0.25)
+    square = float((launch / block.frequency_parameter) ** 2)
     # Free rocking presses least at an impact, where it is fastest.
     least = 1 - 0.75 * (np.sin(q) ** 2 + square * np.cos(q))
     for seconds in (end, 1.2 * end):
@@ -208,10 +215,14 @@ def test_states_of_no_step():
 @pytest.mark.thorough
 def test_extremes_between_long_steps():
     """They are those of the motion, however long the steps are."""
-    rng, worst = np.random.default_rng(5), 0.0
+    rng = np.random.default_rng(5)
+    worst = 0.0
     for _ in range(12):
-        b, slenderness, c = rng.uniform(0.1, 0.6), rng.uniform(2, 9), rng.uniform(0.3, 0.95)
-        block, amplitude = jr.Block(b, slenderness), 9.81 / slenderness * rng.uniform(0.8, 3.0)
+        b = rng.uniform(0.1, 0.6)
+        slenderness = rng.uniform(2, 9)
+        c = rng.uniform(0.3, 0.95)
+        block = jr.Block(b, slenderness)
+        amplitude = 9.81 / slenderness * rng.uniform(0.8, 3.0)
         pulse = jr.HalfSine(amplitude, rng.uniform(0.1, 1.2))
         long, short = (
             jr.respond(block, c, pulse, pulse.end + 2, rtol=rtol, model="linearized")

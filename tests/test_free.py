@@ -22,7 +22,8 @@ ratio = st.floats(0.0009765625, 0.9990234375, width=32)
 
 def energy(model, block, rotation, velocity):
     """Per unit of moment of inertia: kinetic, and potential as the model has it."""
-    p, critical = block.frequency_parameter, block.critical_angle
+    p = block.frequency_parameter
+    critical = block.critical_angle
     if isinstance(model, jr.Linearized):
         return velocity**2 / 2 + p**2 * rotation * (critical - rotation / 2)
     # cos(critical - rotation) - cos(critical), without its cancellation
@@ -95,7 +96,8 @@ def test_the_overturning_threshold(model):
 
 def test_the_linearized_motion_says_when_it_leaves_the_numbers():
     """It grows without bound; the nonlinear one does not."""
-    block, time = jr.Block(0.4, 5.0), jnp.asarray([0.1, 1e4])
+    block = jr.Block(0.4, 5.0)
+    time = jnp.asarray([0.1, 1e4])
 
     def total(velocity):
         return jnp.nansum(jr.Linearized().motion(block, velocity, time)[0])
@@ -141,11 +143,14 @@ def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
 @pytest.mark.float64
 def test_released_on_still_ground():
     """Impacts come when the closed form says, a quarter of a rocking cycle and then halves."""
-    block, tilt, c = jr.Block(0.1, 5.0), 0.1, 0.9
+    block = jr.Block(0.1, 5.0)
+    tilt = 0.1
+    c = 0.9
     response = jr.respond(
         block, c, jr.Still(), 1.5, rotation=tilt, rtol=1e-12, model="linearized"
     )
-    p, critical = block.frequency_parameter, block.critical_angle
+    p = block.frequency_parameter
+    critical = block.critical_angle
     share = 1 - tilt / critical
     launch = np.sqrt(1 - share**2) * c ** np.arange(1, 4)  # over p times the critical angle
     first = float(np.arccosh(1 / share) / p)
@@ -158,7 +163,8 @@ def test_released_on_still_ground():
 def follow_with_scipy(rocker, jump, times, intensities, samples):
     """Rotation and velocity at samples: SciPy between pulses and impacts, which change velocity."""
     alpha = velocity = now = 0.0
-    side, found = 0, []
+    side = 0
+    found = []
     stops = list(zip(times, intensities, strict=True))
     stops += [(time, None) for time in samples]
     for time, intensity in sorted(stops, key=lambda stop: (stop[0], stop[1] is None)):
@@ -170,14 +176,18 @@ def follow_with_scipy(rocker, jump, times, intensities, samples):
             def lands(t, y, side=side, begin=now):
                 return side * y[0] if t > begin + 1e-9 else 1.0
 
-            lands.terminal, lands.direction = True, -1
+            lands.terminal = True
+            lands.direction = -1
             path = solve_ivp(
                 field, (now, time), [alpha, velocity], "DOP853",
                 rtol=1e-11, atol=1e-14, events=lands,
             )  # fmt: skip
-            now, (alpha, velocity) = path.t[-1], path.y[:, -1]
+            now = path.t[-1]
+            alpha, velocity = path.y[:, -1]
             if path.t_events[0].size:
-                alpha, velocity, side = 0.0, rocker.c * velocity, -side
+                alpha = 0.0
+                velocity = rocker.c * velocity
+                side = -side
         now = time
         if intensity is None:
             found.append((alpha, velocity))
@@ -192,12 +202,11 @@ def follow_with_scipy(rocker, jump, times, intensities, samples):
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_the_history_of_a_train_is_scipys(model):
     """Outward and inward, on the way up and down, through impacts, until it has overturned."""
-    block, c = jr.Block(0.4, 3.0), 0.8
+    block = jr.Block(0.4, 3.0)
+    c = 0.8
     rocker = stepping.Rocker(0.4, 3.0, c, linearized=model == jr.Linearized())
-    times, intensities = (
-        np.array([0.2, 0.35, 0.9, 1.9, 2.0]),
-        np.array([0.5, 0.3, 0.4, -0.3, -1.4]),
-    )
+    times = np.array([0.2, 0.35, 0.9, 1.9, 2.0])
+    intensities = np.array([0.5, 0.3, 0.4, -0.3, -1.4])
     train = jr.respond_to_train(block, c, times, intensities, model)
     assert bool(train.overturned)
     samples = np.append(np.linspace(0, 2.8, 42), times)

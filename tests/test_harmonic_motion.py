@@ -38,7 +38,8 @@ def in_float32(tree):
 
 
 def test_motion(eps):
-    motion, period = Harmonic(-3.0, 8.0, 4, start=0.2), 2 * np.pi / 8
+    motion = Harmonic(-3.0, 8.0, 4, start=0.2)
+    period = 2 * np.pi / 8
     end = 0.2 + 4 * period
     times = np.linspace(0.21, end - 0.01, 57)
     expected = -3 * np.sin(8 * (times - 0.2))
@@ -65,7 +66,8 @@ def test_motion(eps):
 
 @pytest.mark.float64
 def test_hundreds_of_radians_keep_their_digits():
-    motion, time = Harmonic(1.0, 12.566, 200), np.linspace(90, 99.9, 300)
+    motion = Harmonic(1.0, 12.566, 200)
+    time = np.linspace(90, 99.9, 300)
     np.testing.assert_allclose(motion.horizontal(time), np.sin(12.566 * time), atol=3e-13)
     assert motion.bucketed().horizontal(97.0) == motion.horizontal(97.0)
 
@@ -158,7 +160,8 @@ def test_one_cycle_is_a_sine(model):
 STRENGTH = np.array([1.003, 1.1, *np.tile([1.15, 1.3, 1.6, 2.0, 2.6], 2)])
 RESTITUTION = np.array([0.1, 0.2, *np.repeat([0.7, 0.85], 5)])
 _RNG = np.random.default_rng(5)
-HALF_WIDTH, SLENDERNESS = _RNG.uniform(0.1, 0.5, 12), _RNG.uniform(3, 8, 12)
+HALF_WIDTH = _RNG.uniform(0.1, 0.5, 12)
+SLENDERNESS = _RNG.uniform(3, 8, 12)
 FREQUENCY = np.where(STRENGTH > 2.1, _RNG.uniform(3, 5, 12), _RNG.uniform(6, 15, 12))
 
 
@@ -238,10 +241,8 @@ def test_long_and_fast_motions_against_each_other():
     """Up to 200 periods, and a hundred times as fast as the block."""
     for amplitude, frequency, cycles in ((30.0, 300.0, 200), (3.0, 12.0, 200), (2.3, 1.0, 10)):
         motion = Harmonic(amplitude, frequency, cycles, start=0.5)
-        r, found = (
-            jr.respond(BLOCK, 0.6, motion, rtol=1e-10),
-            jr.respond_batch(BLOCK, 0.6, motion),
-        )
+        r = jr.respond(BLOCK, 0.6, motion, rtol=1e-10)
+        found = jr.respond_batch(BLOCK, 0.6, motion)
         assert bool(r.overturned) == bool(found.overturned)
         assert float(found.peak_rotation) == pytest.approx(float(r.peak_rotation), rel=1e-7)
         if not r.overturned:
@@ -282,7 +283,8 @@ def test_derivatives_against_differences(place):
 @pytest.mark.parametrize("cycles", [20, 200])
 def test_float32(cycles):
     """The phase begins anew in each period: peaks keep their digits for hundreds of radians."""
-    rng, number = np.random.default_rng(1), 60
+    rng = np.random.default_rng(1)
+    number = 60
     block = jr.Block(rng.uniform(0.1, 0.5, number), rng.uniform(3, 8, number))
     c = rng.uniform(0.3, 0.6, number)
     uplift = 9.81 / np.asarray(block.slenderness)
@@ -303,7 +305,8 @@ def test_float32(cycles):
 
 
 def test_everything_broadcasts():
-    amplitude, frequency = np.array([[2.1], [2.5]]), np.array([8.0, 10.0, 12.0])
+    amplitude = np.array([[2.1], [2.5]])
+    frequency = np.array([8.0, 10.0, 12.0])
     found = jr.respond_batch(BLOCK, 0.6, Harmonic(amplitude, frequency, 5))
     assert found.peak_rotation.shape == (2, 3)
     for i, k in itertools.product(range(2), range(3)):

@@ -20,10 +20,8 @@ BLOCK = jr.Block(0.2, 5.0)
 
 def in_units(block, w, beta):
     """Amplitude and frequency from beta, over g alpha_c, and w, over p."""
-    unit, p = (
-        np.asarray(block.gravity * block.critical_angle),
-        np.asarray(block.frequency_parameter),
-    )
+    unit = np.asarray(block.gravity * block.critical_angle)
+    p = np.asarray(block.frequency_parameter)
     return beta * unit, w * p
 
 
@@ -36,8 +34,10 @@ class Reference:
 
     def __init__(self, block, c, amplitude, frequency, model):
         self.c, self.amplitude, self.frequency = map(float, (c, amplitude, frequency))
-        self.angle, self.p = float(block.critical_angle), float(block.frequency_parameter)
-        self.gravity, self.linearized = float(block.gravity), model == "linearized"
+        self.angle = float(block.critical_angle)
+        self.p = float(block.frequency_parameter)
+        self.gravity = float(block.gravity)
+        self.linearized = model == "linearized"
 
     def field(self, time, state):
         push = self.amplitude / self.gravity * np.sin(self.frequency * time)
@@ -56,7 +56,9 @@ class Reference:
         def turns(time, state):
             return state[1]
 
-        lands.terminal, lands.direction, turns.direction = True, -1, -1
+        lands.terminal = True
+        lands.direction = -1
+        turns.direction = -1
         found = solve_ivp(
             self.field,
             (time, time + 1.9 * half),
@@ -151,7 +153,8 @@ def test_multipliers(case, model):
     assert float(orbit.trace) == pytest.approx(np.trace(matrix), abs=2e-8 * scale)
     assert float(orbit.determinant) == pytest.approx(c**2, rel=1e-14)
     assert np.linalg.det(matrix) == pytest.approx(c**2, abs=1e-7 * scale**2)
-    found, expected = np.asarray(orbit.multipliers), np.linalg.eigvals(matrix)
+    found = np.asarray(orbit.multipliers)
+    expected = np.linalg.eigvals(matrix)
     size = np.abs(found)
     assert size[0] >= size[1]
     error = np.abs(found[:, None] - expected).min(axis=1)
@@ -170,13 +173,15 @@ def test_trace_and_determinant_by_the_variational_equation(case, model):
     reference = Reference(block, c, amplitude, frequency, model)
 
     def field(time, state):
-        rotation, change = state[0], 1e-20j  # whose imaginary part is a derivative
+        rotation = state[0]
+        change = 1e-20j  # whose imaginary part is a derivative
         acceleration = reference.field(time, (rotation + change, 0.0))[1]
         stiffness = acceleration.imag / change.imag
         return [state[1], acceleration.real, *state[4:], *(stiffness * state[2:4])]
 
     begin = float(orbit.phase) / frequency
-    end, velocity = begin + np.pi / frequency, float(orbit.launch_velocity)
+    end = begin + np.pi / frequency
+    velocity = float(orbit.launch_velocity)
     start = (0.0, velocity, 1.0, 0.0, 0.0, 1.0)
     flight = solve_ivp(field, (begin, end), start, "DOP853", rtol=1e-13, atol=1e-15)
     last = flight.y[:, -1]
@@ -418,8 +423,10 @@ def test_no_orbits_at_all(model):
 @pytest.mark.parametrize("model", MODELS)
 def test_single_precision(model):
     rng = np.random.default_rng(3)
-    w, beta = rng.uniform(0.8, 10, 60), rng.uniform(0.8, 3.0, 60)
-    c, slenderness = rng.uniform(0.5, 0.95, 60), rng.uniform(2, 10, 60)
+    w = rng.uniform(0.8, 10, 60)
+    beta = rng.uniform(0.8, 3.0, 60)
+    c = rng.uniform(0.5, 0.95, 60)
+    slenderness = rng.uniform(2, 10, 60)
     single = [part.astype(np.float32) for part in (slenderness, c, w, beta)]
     rough, exact = (
         orbit_of(jr.Block(k.dtype.type(0.2), k), *rest, model)
@@ -469,8 +476,10 @@ def test_corners(model):
 @pytest.mark.float64
 def test_from_where_on_the_nonlinear_motion_exists():
     """Just above its own fold it is found, and there the larger multiplier is 1."""
-    c, w = 0.9, 3.0
-    low, high = 0.05, 1.0
+    c = 0.9
+    w = 3.0
+    low = 0.05
+    high = 1.0
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if orbit_of(BLOCK, c, w, middle).exists else (middle, high)

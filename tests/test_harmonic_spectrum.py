@@ -53,7 +53,8 @@ def test_labels(tmp_path):
     "model", [pytest.param(jr.Linearized(), marks=pytest.mark.thorough), jr.Nonlinear()]
 )
 def test_points_are_orbits_of_every_size(model):
-    ratios, strengths = np.array([1.5, 3.0, 6.0]), np.array([0.4, 1.2, 3.0, 9.0])
+    ratios = np.array([1.5, 3.0, 6.0])
+    strengths = np.array([0.4, 1.2, 3.0, 9.0])
     found = harmonic_spectrum(
         ratios, strengths, restitution=0.8, inertia_ratio=1.25, model=model, cycles=3
     )
@@ -82,7 +83,8 @@ def test_points_are_orbits_of_every_size(model):
 @pytest.mark.parametrize("ratio", [2.0, 4.0, 8.0])
 def test_regions_end_where_the_closed_forms_say(ratio):
     block = jr.Block(0.2, 5.0)
-    frequency, unit = ratio * block.frequency_parameter, block.gravity * block.critical_angle
+    frequency = ratio * block.frequency_parameter
+    unit = block.gravity * block.critical_angle
     edges = [limit(block, 0.9, frequency) / unit
              for limit in (least_harmonic_amplitude, symmetry_breaking_amplitude)]  # fmt: skip
     strengths = np.ravel([float(edge) * np.array([1 - 1e-6, 1 + 1e-6]) for edge in edges])
@@ -97,15 +99,19 @@ class Shaken:
     """The block of a spectrum by DOP853, in units of 1 / p: does it rock, or topple?"""
 
     def __init__(self, ratio, strength, c, cycles, slenderness=5.0):
-        self.angle, self.c, self.ratio = np.arctan(1 / slenderness), c, ratio
-        self.push, self.end = strength / slenderness, 2 * np.pi * cycles / ratio
+        self.angle = np.arctan(1 / slenderness)
+        self.c = c
+        self.ratio = ratio
+        self.push = strength / slenderness
+        self.end = 2 * np.pi * cycles / ratio
 
     def topples(self, time, state):
         """From a state on the positive side on: whether it reaches pi / 2."""
         side = 1
 
         def field(time, state):
-            tilt, push = self.angle - state[0], side * self.push * np.sin(self.ratio * time)
+            tilt = self.angle - state[0]
+            push = side * self.push * np.sin(self.ratio * time)
             return state[1], push * np.cos(tilt) - np.sin(tilt)
 
         def lands(time, state):
@@ -114,7 +120,9 @@ class Shaken:
         def lies(time, state):
             return state[0] - np.pi / 2
 
-        lands.terminal, lands.direction, lies.terminal = True, -1, True
+        lands.terminal = True
+        lands.direction = -1
+        lies.terminal = True
         while True:
             flight = solve_ivp(
                 field,
@@ -128,7 +136,9 @@ class Shaken:
             )
             if not flight.t_events[0].size:
                 return bool(flight.t_events[1].size)
-            time, side, state = flight.t[-1], -side, (0.0, -self.c * flight.y[1, -1])
+            time = flight.t[-1]
+            side = -side
+            state = (0.0, -self.c * flight.y[1, -1])
             assert state[1] > 1e-6, "a block that comes to rest is beyond this reference"
 
     def outcome_from_rest(self):
@@ -137,7 +147,8 @@ class Shaken:
         if self.push <= uplift:
             return 0
         # Just after it is lifted, the push exceeds what lifts it in proportion to time.
-        begin, later = np.arcsin(uplift / self.push) / self.ratio, 1e-4
+        begin = np.arcsin(uplift / self.push) / self.ratio
+        later = 1e-4
         rate = self.push * self.ratio * np.cos(self.ratio * begin) * np.cos(self.angle)
         return 1 + self.topples(begin + later, (rate * later**3 / 6, rate * later**2 / 2))
 
@@ -146,18 +157,18 @@ class Shaken:
 @pytest.mark.thorough
 def test_what_happens_elsewhere():
     """Near orbits that are not stable, and from rest: of points that are not chaotic."""
-    ratios, strengths, cycles = (
-        np.array([1.0, 2.0, 3.0, 5.0]),
-        np.array([0.5, 2.6, 4.5, 9.0]),
-        12,
-    )
+    ratios = np.array([1.0, 2.0, 3.0, 5.0])
+    strengths = np.array([0.5, 2.6, 4.5, 9.0])
+    cycles = 12
     found = harmonic_spectrum(ratios, strengths, restitution=0.9, cycles=cycles)
     scale = 2 * np.sin(0.5 * np.arctan(0.2))
-    regions, from_rest = set(), set()
+    regions = set()
+    from_rest = set()
     for i, ratio in enumerate(ratios):
         for j, strength in enumerate(strengths):
             point = found.isel(frequency_ratio=i, amplitude_ratio=j)
-            shaken, region = Shaken(ratio, strength, 0.9, cycles), int(point.region)
+            shaken = Shaken(ratio, strength, 0.9, cycles)
+            region = int(point.region)
             rest = int(point.from_rest)
             assert rest == shaken.outcome_from_rest(), (ratio, strength)
             if region >= 2:
@@ -230,7 +241,8 @@ def test_bad_input(change, words):
 
 @pytest.mark.float64
 def test_picture():
-    ratios, strengths = np.array([1.0, 2.0, 3.0, 5.0]), np.array([0.05, 0.5, 2.6, 4.5, 9.0])
+    ratios = np.array([1.0, 2.0, 3.0, 5.0])
+    strengths = np.array([0.05, 0.5, 2.6, 4.5, 9.0])
     found = harmonic_spectrum(ratios, strengths, restitution=0.9, cycles=12)
     _, given = plt.subplots()
     ax = plot_harmonic(found, given)
@@ -254,7 +266,8 @@ def test_picture():
 def test_in_units_of_one_block(tmp_path):
     """Coordinates in Hz and m/s2, in which each point is the orbit of that block."""
     block = jr.Block(0.3, 4.0, 3.7)
-    ratios, strengths = np.array([2.0, 5.0]), np.array([0.05, 0.6, 1.4])
+    ratios = np.array([2.0, 5.0])
+    strengths = np.array([0.05, 0.6, 1.4])
     found = harmonic_spectrum(
         ratios, strengths, slenderness=4.0, restitution=0.85, cycles=3, model="linearized"
     )

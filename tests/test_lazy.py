@@ -46,7 +46,8 @@ def test_chunks_change_no_bit(name):
 @pytest.mark.parametrize("scheduler", ["synchronous", "threads"])
 def test_schedulers(tmp_path, scheduler):
     function, (_, chunks, _) = GRIDS["resonance"]
-    whole, lazy = function(), function(chunks=chunks)
+    whole = function()
+    lazy = function(chunks=chunks)
     with dask.config.set(scheduler=scheduler):
         same_bits(lazy.compute(), whole)
         lazy.to_zarr(tmp_path / "grid.zarr", zarr_format=2)
@@ -126,7 +127,8 @@ def test_a_map_lists_what_there_is():
 
 
 def test_factors_are_those_on_the_motion():
-    motion, axes = record(200, 3), ([1.0, 2.0], [4.0, 6.0], 0.8)
+    motion = record(200, 3)
+    axes = ([1.0, 2.0], [4.0, 6.0], 0.8)
     found = jr.rocking_spectrum(motion, *axes, factor=[0.5, 2.0])
     for factor in (0.5, 2.0):
         alone = jr.rocking_spectrum(motion.scaled(factor), *axes)

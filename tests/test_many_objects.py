@@ -11,7 +11,8 @@ from scipy import optimize, stats
 import jaxrock as jr
 from jaxrock.driven import follow_within
 
-DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
+DOUBLE = pytest.mark.float64
+SLOW = pytest.mark.thorough
 HALF_WIDTHS = np.array([0.2, 0.25, 0.32])
 RESTITUTIONS = np.array([0.8, 0.85, 0.9])
 BLOCKS = jr.Block(HALF_WIDTHS, 4.0)
@@ -21,7 +22,8 @@ LINEARIZED = {"model": "linearized"}
 
 def equal(one, other):
     """Whether two arrays have the same bits; NaN is NaN."""
-    one, other = np.asarray(one), np.asarray(other)
+    one = np.asarray(one)
+    other = np.asarray(other)
     return one.dtype == other.dtype and one.tobytes() == other.tobytes()
 
 
@@ -139,9 +141,11 @@ def find_half_width(level, duration):
 @SLOW
 def test_an_uncertain_size_in_closed_form():
     """The probability that a lognormal size is below the one that is just overturned."""
-    coefficient, levels = 0.2, np.array([1.2, 1.6, 2.0, 2.6])
+    coefficient = 0.2
+    levels = np.array([1.2, 1.6, 2.0, 2.6])
     options = {**LINEARIZED, "thresholds": ["overturning"]}
-    block, suite = jr.Block(0.25, 4.0), pulses(400)
+    block = jr.Block(0.25, 4.0)
+    suite = pulses(400)
     uncertain = jr.Uncertain({"half_width": coefficient}, samples=512)
     curves = jr.fragility(block, 0.85, suite, levels, uncertain=uncertain, **options)
     width = np.sqrt(np.log1p(coefficient**2))
@@ -170,7 +174,8 @@ def test_an_uncertain_size_in_closed_form():
 @SLOW
 def test_dispersion_is_split_by_its_causes():
     """Without uncertainty all is due to the records, with one record none is."""
-    levels, options = np.geomspace(0.8, 4.0, 40), {**LINEARIZED, "thresholds": ["overturning"]}
+    levels = np.geomspace(0.8, 4.0, 40)
+    options = {**LINEARIZED, "thresholds": ["overturning"]}
     block = jr.Block(0.25, 4.0)
     equal_samples = jr.Uncertain({"half_width": 0.0}, samples=2)
     certain = jr.fragility(block, 0.85, pulses(50), levels, uncertain=equal_samples, **options)

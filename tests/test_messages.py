@@ -18,9 +18,12 @@ def as_users_have_it():
     jaxtyping.config.update("jaxtyping_disable", False)
 
 
-BLOCK, PULSE = jr.Block(0.4, 5.0), jr.Sine(3.0, 0.5)
-SCENE, RECORD = jr.Scene(BLOCK, 0.7, 0.1), jr.Record([0.0, 1.0, 0.0], 0.01)
-SUITE, TWO = jr.Suite([RECORD, RECORD]), jr.Block(np.array([0.1, 0.2]), 5.0)
+BLOCK = jr.Block(0.4, 5.0)
+PULSE = jr.Sine(3.0, 0.5)
+SCENE = jr.Scene(BLOCK, 0.7, 0.1)
+RECORD = jr.Record([0.0, 1.0, 0.0], 0.01)
+SUITE = jr.Suite([RECORD, RECORD])
+TWO = jr.Block(np.array([0.1, 0.2]), 5.0)
 THREE = np.array([0.7, 0.8, 0.9])
 MODELS = 'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear"'
 REAL = "must be a real number or an array of them"
@@ -336,7 +339,8 @@ def test_one_column_needs_no_name(tmp_path):
     assert jr.read_record(path).time_step == 0.02
 
 
-CANNOT, UNABLE = "Invalid value for", "unable to convert"
+CANNOT = "Invalid value for"
+UNABLE = "unable to convert"
 WORDS = {
     "no command": ("", "a command must be given; --help lists them"),
     "no such command": ("asess", 'Unknown command "asess". Did you mean "assess"?'),

@@ -110,7 +110,8 @@ def test_cost_of_the_duration_in_critical_intensity():
             scene.block, restitution, shape, duration
         ).intensity
         cost = float(computed(scene, CLOSED[-1]).critical_intensity / truth) - 1
-        estimate, unsure = error.duration.critical_intensity, error.duration_bound
+        estimate = error.duration.critical_intensity
+        unsure = error.duration_bound
         assert abs(cost - estimate) <= unsure.critical_intensity
         assert abs(cost) > 3 * unsure.critical_intensity
 
@@ -128,7 +129,8 @@ def test_cost_of_the_duration_within_its_bound(shape):
     assert min(stocky.mean(), weak.mean()) > 0.02
     for name, exact in vars(truth).items():
         cost = apart(getattr(closed, name), exact)
-        estimate, unsure = getattr(error.duration, name), getattr(error.duration_bound, name)
+        estimate = getattr(error.duration, name)
+        unsure = getattr(error.duration_bound, name)
         total = np.asarray(getattr(error.total("nonlinear", 64), name))
         known = np.isfinite(np.asarray(unsure)) & ~np.isnan(total)
         assert not (known & stocky).any()
@@ -147,7 +149,10 @@ def test_cost_of_the_duration_within_its_bound(shape):
 @pytest.mark.parametrize("duration", [0.2, -0.2])
 def test_errors_are_errors_of_what_others_have_left(duration):
     """Factors that are off, each by no more than it says, are off by no more than the total."""
-    linearization, bound, coarse, fine = 0.3, 0.05, 2e-3, 1e-3
+    linearization = 0.3
+    bound = 0.05
+    coarse = 2e-3
+    fine = 1e-3
 
     def answers(value):
         return Answers(*[jnp.asarray(value)] * 3)
@@ -174,7 +179,8 @@ def test_what_is_not_finite_has_no_finite_bound():
     scene = jr.Scene(block, 0.31, critical * np.linspace(0.97, 1.03, 61))
     error = jr.model_error(scene, jr.HalfSine, 0.01)
     for name in ("rotation_ratio", "period"):
-        estimate, bound = getattr(error.duration, name), getattr(error.duration_bound, name)
+        estimate = getattr(error.duration, name)
+        bound = getattr(error.duration_bound, name)
         unknown = ~np.isfinite(np.asarray(estimate))
         assert np.isinf(np.asarray(bound)[unknown]).all()
 

@@ -130,9 +130,11 @@ def compare(one, other):
         xarray.testing.assert_identical(one, other)
         return
     if not hasattr(one, "__dataclass_fields__"):
-        one, other = list(one), list(other)
+        one = list(one)
+        other = list(other)
     elif not jax.tree.leaves(one)[1:]:
-        one, other = vars(one), vars(other)
+        one = vars(one)
+        other = vars(other)
     jax.tree.map(np.testing.assert_array_equal, one, other)
 
 

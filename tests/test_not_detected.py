@@ -44,7 +44,8 @@ def draw_rare(rng, records, cells, probability):
     signs cancel, and the hazard falls to a hundredth between the first and the last.
     """
     shape = (records, POPULATIONS, cells)
-    cell, width = 2.0 / cells, probability * SPACING
+    cell = 2.0 / cells
+    width = probability * SPACING
     begin = cell * np.arange(cells) + rng.uniform(0, cell - width, shape)
     windows = np.stack([begin, begin + width], axis=-1).reshape(*shape[:2], -1)
     last = rng.uniform(2.0, 2.3, (records, POPULATIONS, 1))

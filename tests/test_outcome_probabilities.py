@@ -150,14 +150,15 @@ def test_what_cannot_be_uncertain(coefficients, options, message):
 @float64
 def test_slopes_of_a_share_are_those_of_its_closed_form():
     """Of the share with which a product of a lognormal and a logit-normal number is large."""
-    names, n, limit = ("width", "restitution"), 2**16, 0.42
-    median, variation = np.array([0.5, 0.8]), np.array([0.1, 0.08])
+    names = ("width", "restitution")
+    n = 2**16
+    limit = 0.42
+    median = np.array([0.5, 0.8])
+    variation = np.array([0.1, 0.08])
 
     def share(median, variation):
-        spread, width = (
-            np.sqrt(np.log1p(variation[0] ** 2)),
-            logit_width(median[1], variation[1]),
-        )
+        spread = np.sqrt(np.log1p(variation[0] ** 2))
+        width = logit_width(median[1], variation[1])
 
         def integrand(z):
             c = special.expit(special.logit(median[1]) + width * z)
@@ -311,7 +312,8 @@ def check_against_direct_sampling(block, c, record, variations, count, seed, sam
     noise = found.by_median_error[2, k] + np.sqrt(0.25 / count) / step
     assert abs(found.by_median[2, k] - slope) < 4 * noise
     # The first-order index, as the variance of means in bins of equal probability.
-    fell, whole = outcomes[2], direct[2] * (1 - direct[2])
+    fell = outcomes[2]
+    whole = direct[2] * (1 - direct[2])
     for k, name in enumerate(found.names):
         bins = np.array_split(fell[np.argsort(values[name])], 20)
         first = (np.var([each.mean() for each in bins]) - 19 / count * whole) / whole

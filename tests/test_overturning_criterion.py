@@ -9,7 +9,8 @@ import jaxrock as jr
 pytestmark = pytest.mark.float64
 
 
-BLOCK, C = jr.Block(0.3, 4.0), 0.7
+BLOCK = jr.Block(0.3, 4.0)
+C = 0.7
 
 
 def random_states():
@@ -44,7 +45,8 @@ def test_margin_says_what_free_motion_does(linearized):
 def test_respond_from_any_state(linearized):
     """The outcome, read after it has all happened."""
     rotation, velocity = random_states()
-    still, found = jr.Rectangular(0.0, 100.0), []
+    still = jr.Rectangular(0.0, 100.0)
+    found = []
     for a, v in zip(rotation, velocity, strict=True):
         r = jr.respond(
             BLOCK,
@@ -70,7 +72,8 @@ def test_margin_is_continuous():
 def test_survival_windows(half_diagonal):
     """alpha_c = 0.2, one-sine of 0.5 s, C by Housner."""
     block = jr.Block(half_diagonal * np.sin(0.2), 1 / np.tan(0.2))
-    c, unit = float(jr.housner_restitution(block)), 9.81 * np.tan(0.2)
+    c = float(jr.housner_restitution(block))
+    unit = 9.81 * np.tan(0.2)
     found = jr.survival_windows(block, c, jr.Sine(unit, 0.5), np.linspace(1, 14, 300))
     assert found.windows.shape == (1, 2)
     rocker = stepping.Rocker(float(block.half_width), float(block.slenderness), c)
@@ -82,7 +85,8 @@ def test_survival_windows(half_diagonal):
 
 
 def test_bad_input():
-    block, pulse = jr.Block(0.3, 4.0), jr.Sine(2.0, 0.5)
+    block = jr.Block(0.3, 4.0)
+    pulse = jr.Sine(2.0, 0.5)
     with pytest.raises(ValueError, match="values must increase"):
         jr.survival_windows(block, 0.9, pulse, [2.0, 1.0])
     none = jr.survival_windows(block, 0.9, pulse, [0.1, 0.2])

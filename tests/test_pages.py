@@ -43,7 +43,8 @@ def compared(code, namespace):
         value = np.ravel(eval(source, namespace))
         comment = code.splitlines()[statement.end_lineno - 1].partition("#")[2]
         for said in re.findall(r"\b(?:True|False|nan)|-?\b0?\d+\.\d+(?:e[-+]\d+)?", comment):
-            found, value = value[0], value[1:]
+            found = value[0]
+            value = value[1:]
             if said in ("True", "False"):
                 assert bool(found) == (said == "True"), source
             else:
@@ -137,7 +138,9 @@ def test_suites(capsys):
 @pytest.mark.float64
 def test_as_much_model_as_required(capsys):
     namespace, printed = run("concepts", capsys)
-    error, within, text = namespace["error"], namespace["within"], code("concepts")
+    error = namespace["error"]
+    within = namespace["within"]
+    text = code("concepts")
     assert f"# {error.linearization.rotation_ratio:.4f}: what linearizing costs" in text
     estimate = f"{error.duration.period:.4f}, {error.duration_bound.period:.4f}"
     assert f"# {estimate}: what 10 ms" in text

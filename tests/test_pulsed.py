@@ -11,7 +11,9 @@ from references import stepping
 import jaxrock as jr
 
 pytestmark = pytest.mark.float64
-BLOCK, C, INTENSITY = jr.Block(0.4, 5.0), 0.7, 0.15
+BLOCK = jr.Block(0.4, 5.0)
+C = 0.7
+INTENSITY = 0.15
 
 
 def half_sine(duration):
@@ -49,7 +51,8 @@ def test_order_in_the_duration():
 def test_fixed_point_and_rate():
     pulse = half_sine(0.04)
     phase = jr.pulsed_phase(BLOCK, C, pulse)
-    velocity, errors = 0.0, []
+    velocity = 0.0
+    errors = []
     for _ in range(12):
         velocity = jr.steady.pulsed_next_velocity(BLOCK, C, pulse, velocity)
         errors.append(float(phase.velocity - velocity))
@@ -115,10 +118,13 @@ def landings(cases, velocity):
 
 def repeated(cases, velocity, within, most=400):
     """How pulses go on: dies out, stands (as well as `within`) or overturns; last landings."""
-    velocity, outcome = velocity.copy(), np.full(velocity.size, "neither", object)
-    going, first = np.arange(velocity.size), None
+    velocity = velocity.copy()
+    outcome = np.full(velocity.size, "neither", object)
+    going = np.arange(velocity.size)
+    first = None
     for _ in range(most):
-        new, old = landings(cases.of(going), velocity[going])[0], velocity[going]
+        new = landings(cases.of(going), velocity[going])[0]
+        old = velocity[going]
         velocity[going] = new
         first = new.copy() if first is None else first
         outcome[going[np.abs(new - old) <= within * new]] = "stands"
@@ -141,7 +147,8 @@ def scipy_landing(block, c, pulse, velocity):
 
 def random_cases(rng, shape, number, lengths):
     """Pulses that lift and that do not, of so many 1 / p."""
-    b, slenderness = 10 ** rng.uniform(-1.3, 0.3, number), rng.uniform(1.5, 10, number)
+    b = 10 ** rng.uniform(-1.3, 0.3, number)
+    slenderness = rng.uniform(1.5, 10, number)
     rate = stepping.Rocker(b, slenderness, 1.0).p
     length = 10 ** rng.uniform(*np.log10(lengths), number) / rate
     amplitude = 9.81 / slenderness * 10 ** rng.uniform(-0.5, 1, number)
@@ -167,7 +174,8 @@ LONG_OR_WEAK = {
 def test_where_bounces_die_out(name):
     """Against DOP853, pulse by pulse: 0 with a flag, or an orbit that comes back to itself."""
     numbers, c, pulse, expected, other = LONG_OR_WEAK[name]
-    block, pulse = jr.Block(*numbers), jr.HalfSine(*pulse)
+    block = jr.Block(*numbers)
+    pulse = jr.HalfSine(*pulse)
     phase = jr.pulsed_phase(block, c, pulse)
     assert repeated(one_case(block, c, pulse), np.zeros(1), 1e-5)[0] == [expected]
     assert bool(phase.stands)
@@ -205,7 +213,8 @@ def test_random_pulses(shape):
     for k, (outcome, velocity) in enumerate(zip(outcomes, last, strict=True)):
         case = cases.of([k])
         _, b, slenderness, c, amplitude, duration = (each[0] for each in case)
-        block, pulse = jr.Block(b, slenderness), shape(amplitude, duration)
+        block = jr.Block(b, slenderness)
+        pulse = shape(amplitude, duration)
         phase = jr.pulsed_phase(block, c, pulse)
         if phase.overturns:
             found = "overturns"
@@ -257,7 +266,8 @@ def test_no_phase_and_no_motion():
 @pytest.mark.thorough
 def test_single_precision_where_double_is_allowed():
     single = np.float32
-    block, pulse = jr.Block(single(0.4), single(5.0)), jr.HalfSine(single(1.3), single(0.1))
+    block = jr.Block(single(0.4), single(5.0))
+    pulse = jr.HalfSine(single(1.3), single(0.1))
     phase = jr.pulsed_phase(block, single(0.9), pulse)
     double = jr.pulsed_phase(jr.Block(0.4, 5.0), 0.9, jr.HalfSine(1.3, 0.1))
     assert phase.velocity.dtype == single
@@ -325,7 +335,8 @@ def test_so_many_pulses_that_just_overturn():
     ]
     cases = Cases("HalfSine", *np.array(rows + rows).T)
     cases = cases.times(np.repeat([1 - 1e-7, 1 + 1e-7], len(rows)))
-    velocity, lasted = np.zeros(2 * len(rows)), np.zeros(2 * len(rows), int)
+    velocity = np.zeros(2 * len(rows))
+    lasted = np.zeros(2 * len(rows), int)
     for _ in range(5):
         landing = landings(cases, np.nan_to_num(velocity))[0]
         velocity = np.where(np.isnan(velocity), np.nan, landing)
@@ -388,7 +399,9 @@ def test_random_verges(shape):
 @pytest.mark.thorough
 def test_from_rest_to_a_verge_that_is_far():
     """Of a short cosine the amplitude says little: 1e-6 less of it is 0.2 % of the velocity."""
-    block, c, duration = jr.Block(0.99183, 4.4053), 0.6078, 0.0072566
+    block = jr.Block(0.99183, 4.4053)
+    c = 0.6078
+    duration = 0.0072566
     verge = jr.critical_pulsed_amplitude(block, c, jr.Cosine, duration)
     weaker = one_case(block, c, jr.Cosine(verge.amplitude * (1 - 1e-6), duration))
     assert repeated(weaker, np.zeros(1), 1e-9)[1] / critical(block) == pytest.approx(

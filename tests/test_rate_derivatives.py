@@ -11,7 +11,8 @@ import jaxrock as jr
 from jaxrock.risk.objects import gather_objects
 from jaxrock.risk.outcome_table import Cases, compute_rates, tabulate_outcomes
 
-DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
+DOUBLE = pytest.mark.float64
+SLOW = pytest.mark.thorough
 CURVE = ([0.2, 0.6, 1.5, 4.0], [1e-2, 1e-3, 1e-4, 1e-5])
 PARAMETERS = {
     "half_width": 0.1,
@@ -224,7 +225,8 @@ NOISE = jr.Hazard([0.1, 0.4, 1.0, 3.0], [1e-2, 1e-3, 1e-4, 1e-6])
 def test_a_rate_has_the_bits_that_it_has_alone():
     """Whatever other objects, and however many boundaries they have."""
     site = jr.Site(scenes.suite(), NOISE, spacing=0.05)
-    widths, ratios = np.array([0.05, 0.12, 0.3]), np.array([8.0, 6.0, 4.0])
+    widths = np.array([0.05, 0.12, 0.3])
+    ratios = np.array([8.0, 6.0, 4.0])
     many = jr.overturning_rate(jr.Block(widths, ratios), 0.8, site)
     counts = np.asarray(many.boundaries.count).sum(axis=0)
     assert len({*counts.tolist()}) == 3

@@ -136,7 +136,8 @@ def test_units(write, holds, unit, factor):
 
 
 CSV = "time,a,b\n0,1,2\n0.5,3,4\n1,5,6\n"
-A, B = {"unit": "g", "column": "a"}, {"unit": "g", "time_step": 0.5}
+A = {"unit": "g", "column": "a"}
+B = {"unit": "g", "time_step": 0.5}
 PAIR = HEADER + "2 .01 NPTS, DT\n1 2"
 
 
@@ -466,7 +467,8 @@ def test_unusual_files_are_read_line_by_line_with_progress(write, holds, monkeyp
 
 def test_only_regular_files_are_read(tmp_path):
     """A pipe or a device may never end, and a pipe can be read only once."""
-    pipe, device = tmp_path / "pipe.csv", tmp_path / "device.csv"
+    pipe = tmp_path / "pipe.csv"
+    device = tmp_path / "device.csv"
     os.mkfifo(pipe)
     device.symlink_to(os.devnull)
     writer = threading.Thread(target=pipe.write_text, args=("acc_g\n1\n2\n",), daemon=True)
@@ -596,7 +598,8 @@ def test_a_trace_needs_a_unit():
 
 
 def test_example_record(eps):
-    north, east = example_record(vertical=True), example_record("east")
+    north = example_record(vertical=True)
+    east = example_record("east")
     assert north.samples == east.samples == 6001
     assert float(north.time_step) == pytest.approx(0.01, rel=eps)
     assert east.vertical is None

@@ -34,7 +34,8 @@ def write(folder, name, samples):
 
 
 def test_a_drift_is_said_where_a_record_is_read(tmp_path):
-    good, bad = write(tmp_path, "good.csv", CORRECTED), write(tmp_path, "raw.csv", RAW)
+    good = write(tmp_path, "good.csv", CORRECTED)
+    bad = write(tmp_path, "raw.csv", RAW)
     jr.read_record(good, time_step=STEP)
     with pytest.warns(UserWarning, match=rf"raw\.csv'.* {SAID}"):
         record = jr.read_record(bad, time_step=STEP)
@@ -95,7 +96,8 @@ def test_a_command_prints_a_drift_once_for_each_use(tmp_path, capsys):
     ("unit", "factor"), [("g", G), ("%g", 0.01 * G), ("cm/s^2", 0.01), ("m/s2", 1.0)]
 )
 def test_a_record_in_another_unit(unit, factor):
-    samples, upward = np.array([0.0, 0.5, -0.25]), np.array([0.1, 0.0, 0.2])
+    samples = np.array([0.0, 0.5, -0.25])
+    upward = np.array([0.1, 0.0, 0.2])
     record = jr.Record(samples, 0.1, upward, unit=unit)
     np.testing.assert_allclose(record.acceleration, factor * samples, rtol=1e-6)
     np.testing.assert_allclose(record.vertical, factor * upward, rtol=1e-6)

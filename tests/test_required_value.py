@@ -13,8 +13,11 @@ from scipy import optimize
 
 import jaxrock as jr
 
-DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
-HEIGHT, TARGET, BOUNDS = 2.0, 6e-5, (0.3, 1.2)
+DOUBLE = pytest.mark.float64
+SLOW = pytest.mark.thorough
+HEIGHT = 2.0
+TARGET = 6e-5
+BOUNDS = (0.3, 1.2)
 CABINET = jr.Block.from_size(width=0.5, height=HEIGHT)
 LEVELS = np.geomspace(0.5, 12.0, 600)
 LINEARIZED = {"model": "linearized"}
@@ -59,14 +62,16 @@ def test_width_at_this_height_in_closed_form():
 @DOUBLE
 def test_many_objects_at_once():
     """Each has the bits that it has alone; bounds and targets may be its own."""
-    site, heights = site_of_pulses(100), np.array([1.5, 2.0])
+    site = site_of_pulses(100)
+    heights = np.array([1.5, 2.0])
     blocks = jr.Block.from_size(width=0.5, height=heights)
     bounds = (np.array([0.25, 0.3]), 1.2)
     targets = np.array([6e-5, 5e-5])
     many = jr.required_value(blocks, 0.85, site, targets, "width", bounds, **LINEARIZED)
     alone = jr.required_value(CABINET, 0.85, site, 5e-5, "width", (0.3, 1.2), **LINEARIZED)
     for name in ("value", "rate", "not_detected", "count", "complete"):
-        single, all_ = np.asarray(getattr(alone, name)), np.asarray(getattr(many, name))
+        single = np.asarray(getattr(alone, name))
+        all_ = np.asarray(getattr(many, name))
         assert single.tobytes() == all_[1].tobytes(), name
     assert len(many.reasons) == 2
 
@@ -151,7 +156,8 @@ def test_against_brute_force(cycles, objects):
         widths = np.geomspace(*bounds, 400)
         blocks = jr.Block.from_size(width=widths, height=height)
         exact = jr.overturning_rate(blocks, restitution, site, **LINEARIZED)
-        rates, unknown = np.asarray(exact.rate), np.asarray(exact.not_detected)
+        rates = np.asarray(exact.rate)
+        unknown = np.asarray(exact.not_detected)
         target = float(np.quantile(rates, random.uniform(0.2, 0.8))) * 1.0001
         block = jr.Block.from_size(width=1.0, height=height)
         answer = jr.required_value(

@@ -70,9 +70,11 @@ def test_overturning_half_cycle_is_the_first_to_reach_the_critical_velocity(
     critical = float(model.critical_velocity(scenes.block))
     assert found.min() == 1
     for value, first in zip(found, np.asarray(jr.launch_velocity(scenes)), strict=True):
-        velocity, number = first, 1
+        velocity = first
+        number = 1
         while velocity < critical and number < 20000:
-            velocity, number = restitution * velocity + first, number + 1
+            velocity = restitution * velocity + first
+            number = number + 1
         assert value == (number if velocity >= critical else np.inf)
 
 

@@ -34,7 +34,8 @@ def many(linearized):
 def test_free_rocking(linearized):
     """The first 20 half-cycles of random blocks, none missed."""
     rng = np.random.default_rng(2)
-    n, half_cycles = 100, 20
+    n = 100
+    half_cycles = 20
     block = jr.Block(10 ** rng.uniform(-2, 1, n), rng.uniform(1.5, 20, n))
     c = rng.uniform(0.4, 0.98, n)
     model = jr.Linearized() if linearized else jr.Nonlinear()
@@ -89,7 +90,8 @@ def falls(block, c, motion, linearized):
 def test_housner_rectangular(p_duration, printed):
     """Housner 1963, eq. 9: A = 1 / (1 - exp(-p t1))."""
     block = jr.Block(0.3, 6.0)
-    unit, duration = 9.81 * block.critical_angle, p_duration / block.frequency_parameter
+    unit = 9.81 * block.critical_angle
+    duration = p_duration / block.frequency_parameter
     found = threshold(
         lambda a: falls(block, 0.9, jr.Rectangular(a * unit, duration), True), 1.01, 4.0
     )
@@ -115,7 +117,8 @@ def test_makris_and_roussos(width, height, shape, duration, expected):
 
 def test_decay_of_free_rocking():
     """Housner 1963: r = C^2 = 0.7, from 0.8 alpha_c, linearized."""
-    block, c = jr.Block(0.3, 8.0), np.sqrt(0.7)
+    block = jr.Block(0.3, 8.0)
+    c = np.sqrt(0.7)
     expected = [0.8, 0.4273, 0.2723, 0.181, 0.1228, 0.0842, 0.0582]
     r = jr.respond(
         block, c, STILL, 60.0, rotation=0.8 * block.critical_angle, model="linearized"
@@ -131,7 +134,8 @@ def test_decay_of_free_rocking():
 @pytest.mark.thorough
 def test_second_derivative_of_an_impact():
     """Linearized, the block lands after 2 artanh(x) / p, x = velocity / critical velocity."""
-    block, x = jr.Block(0.3, 8.0), 0.5
+    block = jr.Block(0.3, 8.0)
+    x = 0.5
 
     def lands(velocity):
         r = jr.respond(
@@ -147,8 +151,10 @@ def test_second_derivative_of_an_impact():
 
 def test_two_impulses():
     """Nabeshima et al. 2016: V, and -V right after the first impact, in the limit."""
-    block, c = jr.Block(0.4, 4.0), 0.8
-    angle, radius = block.critical_angle, block.half_diagonal
+    block = jr.Block(0.4, 4.0)
+    c = 0.8
+    angle = block.critical_angle
+    radius = block.half_diagonal
     closed = (
         2 * jnp.sin(angle / 2) * jnp.sqrt(4 * 9.81 * radius / 3) / (jnp.cos(angle) * (1 + c))
     )
@@ -176,7 +182,8 @@ def test_record_against_independent_integration(first):
     rows = cases(1)
     assert len(rows) >= 40
     for row in rows[first::12]:
-        block, record = jr.Block(row["half_width"], row["slenderness"]), motion_of(row)
+        block = jr.Block(row["half_width"], row["slenderness"])
+        record = motion_of(row)
         if record.vertical is None:  # so that one program does for all
             horizontal = record.acceleration
             record = jr.Record(horizontal, record.time_step, 0 * horizontal, record.scale)
@@ -261,12 +268,15 @@ def test_second_derivatives_of_a_critical_amplitude():
                 rocker, stepping.pulse("Sine", amplitude, duration), 0.0
             ).margin
 
-        old, new = np.full(b.size, 2.9282), np.full(b.size, 2.9283)
+        old = np.full(b.size, 2.9282)
+        new = np.full(b.size, 2.9283)
         before = margin(old)
         for _ in range(6):
             now = margin(new)
             move = np.where(now == before, 0, now * (new - old))
-            old, before, new = new, now, new - move / np.where(now == before, 1, now - before)
+            old = new
+            new = new - move / np.where(now == before, 1, now - before)
+            before = now
         return new[None]
 
     at = jnp.asarray([0.1, 5.0, 0.9, 0.5])
@@ -284,7 +294,8 @@ def follow_record(samples, parameters, settle):
     b, slenderness, c, scale, step = np.asarray(parameters).T
 
     def value(motion, piece, time):
-        left, right = samples[piece], samples[piece + 1]
+        left = samples[piece]
+        right = samples[piece + 1]
         there = scale[motion] * (left + time / step[motion] * (right - left))
         return there, np.zeros_like(there)
 
@@ -379,7 +390,8 @@ def test_in_balance(model, sign):
 
 def test_balance_ends_where_the_input_begins():
     """A pulse of either sign, and a record of which the first samples are 0."""
-    block, c = jr.Block(0.2, 5.0), 0.9
+    block = jr.Block(0.2, 5.0)
+    c = 0.9
     rocker = stepping.Rocker(0.2, 5.0, np.full(2, c))
     start = float(block.critical_angle), 0.0
     amplitude = np.array([0.5, -1.0])
@@ -431,7 +443,8 @@ def test_being_beyond_the_critical_angle_is_not_overturning():
 
 
 def test_history():
-    block, model = jr.Block(0.3, 4.0), jr.Nonlinear()
+    block = jr.Block(0.3, 4.0)
+    model = jr.Nonlinear()
     launch = 0.6 * model.critical_velocity(block)
     r = jr.respond(block, 0.8, STILL, 3.0, velocity=launch)
     first = float(model.half_cycle_duration(block, launch))

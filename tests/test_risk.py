@@ -26,7 +26,8 @@ from jaxrock.risk.lognormal import fit_lognormal
 from jaxrock.risk.objects import gather_objects
 from jaxrock.risk.outcome_table import Cases
 
-DOUBLE, SLOW = pytest.mark.float64, pytest.mark.thorough
+DOUBLE = pytest.mark.float64
+SLOW = pytest.mark.thorough
 NAN = float("nan")
 
 
@@ -131,9 +132,11 @@ def test_rates_too_small_for_normal_numbers():
     ],
 )
 def test_lognormal_fit_maximizes_the_likelihood(levels, counts, trials):
-    levels, counts = np.array(levels), np.array(counts)
+    levels = np.array(levels)
+    counts = np.array(counts)
     fit = fit_lognormal(levels, counts, trials)
-    middle, width = np.log(levels).mean(), np.log(levels).std()
+    middle = np.log(levels).mean()
+    width = np.log(levels).std()
 
     def at(parameters):
         return stats.norm.cdf(
@@ -185,7 +188,8 @@ def test_counts_without_a_curve(counts, expected):
 
 
 SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
-BLOCK, RESTITUTION = jr.Block(*SHAPE[:2]), 0.85
+BLOCK = jr.Block(*SHAPE[:2])
+RESTITUTION = 0.85
 LEVELS = np.geomspace(0.9, 6.0, 40)
 
 
@@ -333,7 +337,8 @@ def test_rate_under_a_hazard_with_zeros(move):
 
 @pytest.mark.thorough
 def test_fragility_of_pulses_is_a_staircase(eps):
-    suite, levels = pulses(200), np.array([0.3, 0.8, 1.2, 1.5, 1.72, 2.0, 2.5])
+    suite = pulses(200)
+    levels = np.array([0.3, 0.8, 1.2, 1.5, 1.72, 2.0, 2.5])
     curves = jr.fragility(
         BLOCK, RESTITUTION, suite, levels, confidence=0.9, model="linearized", tolerance=1e-2
     )
@@ -363,7 +368,8 @@ def test_fragility_of_pulses_is_a_staircase(eps):
 
 def test_a_remark_says_where_exceedance_decreases():
     """Between 1.20 and 1.26 m/s this pulse of a full sine does not overturn the block."""
-    pulse, block = jr.Record(np.sin(np.linspace(0, 2 * np.pi, 101)), 0.005), jr.Block(0.1, 5.0)
+    pulse = jr.Record(np.sin(np.linspace(0, 2 * np.pi, 101)), 0.005)
+    block = jr.Block(0.1, 5.0)
     options = {"model": "linearized", "thresholds": ["overturning"]}
     curves = jr.fragility(block, 0.9, jr.Suite([pulse] * 2), [0.3, 0.8, 1.23, 1.6], **options)
     np.testing.assert_array_equal(curves.exceedance[:, 0], [0, 1, 0, 1])
@@ -484,7 +490,8 @@ def test_an_integration_that_does_not_finish_is_named(monkeypatch):
 
 
 # The block in the example suite.
-SIZE, HAZARD = (0.3, 4.0), jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
+SIZE = (0.3, 4.0)
+HAZARD = jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
 ALL_LEVELS = (0.1, 3.0)
 
 
@@ -493,9 +500,11 @@ ALL_LEVELS = (0.1, 3.0)
 @pytest.mark.release
 def test_rate_against_outcomes_at_many_levels():
     """At 10,000 levels of each record; what is missed is within its bound."""
-    suite, block = jr.example_suite(), jr.Block(*SIZE)
+    suite = jr.example_suite()
+    block = jr.Block(*SIZE)
     levels = np.clip(np.geomspace(*ALL_LEVELS, 10_000), *ALL_LEVELS)
-    rates, factors = np.asarray(HAZARD(levels)), suite.factors(levels, "pgv")
+    rates = np.asarray(HAZARD(levels))
+    factors = suite.factors(levels, "pgv")
     overturned = np.asarray(
         jr.respond_batch(block, 0.8, suite.scaled(factors)).overturned, float
     )
@@ -527,10 +536,12 @@ def test_derivatives_of_boundaries_under_records(which):
     of those that two in a row agree on. Beside some the true boundary jumps by 1e-9 when C
     does, as an integration in 80 bits says: of these no difference is one.
     """
-    suite, at = jr.example_suite(), (SIZE[0], 0.8)
+    suite = jr.example_suite()
+    at = (SIZE[0], 0.8)
     suite = suite.scaled(1 / suite.measure("pgv"))
     levels = np.clip(np.geomspace(*ALL_LEVELS, 342), *ALL_LEVELS)
-    errors, unknown = [], 0
+    errors = []
+    unknown = 0
     for number in (2, 7, 8, 14):
 
         def edges(half_width, restitution, levels=levels, record=suite[number]):
@@ -540,10 +551,12 @@ def test_derivatives_of_boundaries_under_records(which):
 
         direction = tuple(float(k == which) for k in range(2))
         (edge, _), (derivative, _) = jax.jvp(edges, at, direction)
-        edge, derivative = np.asarray(edge), np.asarray(derivative)
+        edge = np.asarray(edge)
+        derivative = np.asarray(derivative)
         known = np.isfinite(derivative)
         unknown += (~known).sum()
-        best, last = np.full(edge.size, np.inf), np.full(edge.size, np.nan)
+        best = np.full(edge.size, np.inf)
+        last = np.full(edge.size, np.nan)
         for step in np.geomspace(1e-6, 1e-10, 9):
             both = np.array([[step], [-step]])
             moved = [np.full((2, edge.size), value) for value in at]

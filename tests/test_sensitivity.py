@@ -29,7 +29,9 @@ def test_sensitivities():
 
     for k, (name, x) in enumerate(at.items()):
         h = 1e-4 * x
-        low, middle, high = value(**{name: x - h}), value(), value(**{name: x + h})
+        low = value(**{name: x - h})
+        middle = value()
+        high = value(**{name: x + h})
         assert found.gradient[k] == pytest.approx((high - low) / (2 * h), rel=1e-5)
         assert found.elasticity[k] == pytest.approx(found.gradient[k] * x / middle, rel=1e-12)
         curvature = (high - 2 * middle + low) / h**2
@@ -145,7 +147,9 @@ ANSWERS = (
     jr.stabilized_rotation,
     jr.critical_intensity,
 )
-SCATTERING, SAMPLES, MANY = 150, 1024, 20_000
+SCATTERING = 150
+SAMPLES = 1024
+MANY = 20_000
 
 
 def scattering_scenes():
@@ -194,7 +198,8 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
             def of(z):
                 return asked(median, width, z)
 
-            nothing, slope = jnp.zeros(4), jax.jacfwd(of)
+            nothing = jnp.zeros(4)
+            slope = jax.jacfwd(of)
             return of(nothing), slope(nothing), jax.jacfwd(slope)(nothing), jax.vmap(of)(z)
 
         return jax.vmap(one)(median, width)
@@ -204,7 +209,8 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
     found = [np.asarray(part) for part in all_of(median, np.array(width), z)]
     held = well = 0
     for value, slope, curvature, values in zip(*found, strict=True):
-        drawn, others = values[:SAMPLES], values[SAMPLES:]
+        drawn = values[:SAMPLES]
+        others = values[SAMPLES:]
         series = (np.asarray(value), slope, curvature)
         scatter = _estimate_moments(NAMES, series, z[:SAMPLES], drawn)
         missing = np.isnan(others).mean()

@@ -37,7 +37,8 @@ def test_chunks_against_single_points(monkeypatch, eps, model, chunk):
 
 def test_arguments_that_broadcast(monkeypatch, eps):
     monkeypatch.setattr(slopes, "_CHUNK", 4)
-    restitution, width = jnp.linspace(0.5, 0.8, 5)[:, None], jnp.linspace(0.2, 0.6, 3)[None, :]
+    restitution = jnp.linspace(0.5, 0.8, 5)[:, None]
+    width = jnp.linspace(0.2, 0.6, 3)[None, :]
 
     def ratio(c, b, slenderness):
         return jr.rotation_ratio(jr.Scene(jr.Block(b, slenderness), c, 0.15))

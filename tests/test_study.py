@@ -210,7 +210,9 @@ def test_checking_takes_a_time_in_proportion_to_the_jobs(tmp_path):
         return count
 
     calls(1)  # what is done once only
-    few, some, many = calls(20), calls(40), calls(60)
+    few = calls(20)
+    some = calls(40)
+    many = calls(60)
     assert many - some == pytest.approx(some - few, rel=0.02)
 
 

@@ -42,7 +42,8 @@ SUITE = jr.Suite([SHORT[0], *LONGER], ["a", "b", "c"])
 
 def exact_peaks(samples, step):
     """PGA and PGV of lines between samples, from rest on."""
-    velocity, fastest = Fraction(0), Fraction(0)
+    velocity = Fraction(0)
+    fastest = Fraction(0)
     for before, after in pairwise(map(Fraction, samples)):
         if before * after < 0:
             fastest = max(fastest, abs(velocity + before**2 / (before - after) / 2))
@@ -206,7 +207,8 @@ def test_rocking_spectrum(eps, tmp_path):
     assert found.peak_rotation.dims == ("record", "period", "slenderness")
     assert found.record.values.tolist() == ["a", "b", "c"]
     for name, record in zip(SUITE.names, SUITE, strict=True):
-        single, row = jr.rocking_spectrum(record, [1.0, 2.0], 4.0), found.sel(record=name)
+        single = jr.rocking_spectrum(record, [1.0, 2.0], 4.0)
+        row = found.sel(record=name)
         xr.testing.assert_allclose(row.drop_vars("record"), single, rtol=max(1e-9, 100 * eps))
         assert {"Conventions": "CF-1.9", **row.attrs} == single.attrs
     found.to_netcdf(tmp_path / "suite.nc")
@@ -269,7 +271,8 @@ def test_derivative_of_a_boundary_long_before_the_end_of_a_record():
     """This block balances for ten seconds, until the record ends and rounding has decided."""
     suite = jr.example_suite()
     record = suite.scaled(1 / suite.measure("pgv"))[8]
-    edge, step = 1.5034582935571408, 1e-6
+    edge = 1.5034582935571408
+    step = 1e-6
 
     def edges(restitution):
         block = jr.Block.from_size(width=0.6, height=2.4)

@@ -36,7 +36,8 @@ def arguments_of(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_shapes_and_precision(name):
     """Of a grid of the first argument against the others, and of one point."""
-    function, size = CASES[name].ours, len(arguments_of(name))
+    function = CASES[name].ours
+    size = len(arguments_of(name))
 
     def given(shape):
         return jax.ShapeDtypeStruct(shape, np.float32)
@@ -143,7 +144,8 @@ def test_what_does_not_exist_has_no_derivative(name):
         answers = function(values)
         return jnp.where(jnp.isfinite(answers), answers, 0).sum()
 
-    backward, forward = jax.grad(masked)(values), jax.jacfwd(masked)(values)
+    backward = jax.grad(masked)(values)
+    forward = jax.jacfwd(masked)(values)
     np.testing.assert_allclose(backward, forward, rtol=1e-10)
     assert np.isfinite(backward).all()
     assert (np.asarray(backward)[~exist] == 0).all()

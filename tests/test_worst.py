@@ -21,11 +21,13 @@ BOTH = pytest.mark.parametrize(
 def scipy_train(rocker, block, times, intensities):
     """Peak rotation and whether it overturns: jumps of the velocity, SciPy's events between."""
     alpha = velocity = peak = 0.0
-    side, now = 0, 0.0
+    side = 0
+    now = 0.0
     shape = 0.75 * float(block.slenderness) / (1 + float(block.slenderness) ** 2)
 
     def move(alpha, velocity, side, length):
-        highest, begin = abs(alpha), 0.0
+        highest = abs(alpha)
+        begin = 0.0
         while begin < length and side:
 
             def field(t, y, side=side):
@@ -46,19 +48,24 @@ def scipy_train(rocker, block, times, intensities):
                 field, (begin, length), [alpha, velocity], "DOP853",
                 rtol=1e-11, atol=1e-14, events=(lands, over, top),
             )  # fmt: skip
-            begin, (alpha, velocity) = found.t[-1], found.y[:, -1]
+            begin = found.t[-1]
+            alpha, velocity = found.y[:, -1]
             highest = max([highest, abs(alpha), *(abs(y[0]) for y in found.y_events[2])])
             if found.t_events[1].size:
                 return alpha, velocity, side, highest, True
             if found.t_events[0].size:
-                alpha, velocity, side = 0.0, rocker.c * velocity, -side
+                alpha = 0.0
+                velocity = rocker.c * velocity
+                side = -side
             if alpha == 0 and abs(velocity) < 1e-7:
-                velocity, side = 0.0, 0
+                velocity = 0.0
+                side = 0
         return alpha, velocity, side, highest, False
 
     for time, intensity in zip(times, intensities, strict=True):
         alpha, velocity, side, highest, over = move(alpha, velocity, side, time - now)
-        peak, now = max(peak, highest), time
+        peak = max(peak, highest)
+        now = time
         if over:
             return peak, True
         side = side or (1 if intensity > 0 else -1)
@@ -76,7 +83,8 @@ def test_trains_against_scipy(model):
     outcomes = []
     for _ in range(12):
         block = jr.Block(rng.uniform(0.1, 0.6), rng.uniform(1.5, 6))
-        c, count = rng.uniform(0.5, 0.95), 4
+        c = rng.uniform(0.5, 0.95)
+        count = 4
         rocker = stepping.Rocker(
             float(block.half_width), float(block.slenderness), c, model == jr.Linearized()
         )
@@ -99,7 +107,8 @@ def test_trains_against_scipy(model):
 )
 def test_the_papers_input_comes_out(model, count):
     """From at least eight of ten random starts: equal pulses right after the impacts."""
-    block, c = jr.Block(0.4, 4.0), 0.7
+    block = jr.Block(0.4, 4.0)
+    c = 0.7
     worst = jr.worst_train(block, c, count, model=model)
     closed = float(jr.critical_intensity(block, c, count, model))
     assert worst.status == jr.Status.COMPLETE
@@ -217,7 +226,8 @@ def test_the_frozen_trains_are_what_scipy_finds_today():
 @BOTH
 @pytest.mark.thorough
 def test_the_least_in_total_is_a_single_pulse(model):
-    block, c = jr.Block(0.4, 4.0), 0.7
+    block = jr.Block(0.4, 4.0)
+    c = 0.7
     worst = jr.worst_train(block, c, 4, "smallest total", model=model)
     single = float(jr.critical_intensity(block, c, 1, model))
     assert worst.status == jr.Status.COMPLETE
@@ -228,7 +238,9 @@ def test_the_least_in_total_is_a_single_pulse(model):
 
 @pytest.mark.thorough
 def test_most_rotation():
-    block, c, model = jr.Block(0.4, 4.0), 0.7, jr.Nonlinear()
+    block = jr.Block(0.4, 4.0)
+    c = 0.7
+    model = jr.Nonlinear()
     largest = 0.9 * float(jr.critical_intensity(block, c, 3, model))
     worst = jr.worst_train(block, c, 3, "most rotation", largest=largest, model=model)
     velocity = jr.half_cycle_velocity(jr.Scene(block, c, largest), 3.0)
@@ -242,7 +254,8 @@ def test_most_rotation():
 @pytest.mark.thorough
 def test_constraints():
     """Kept, and they cost something; without any, all pulses come at once."""
-    block, c = jr.Block(0.4, 4.0), 0.7
+    block = jr.Block(0.4, 4.0)
+    c = 0.7
     single = float(jr.critical_intensity(block, c, 1))
     at_once = jr.worst_train(block, c, 2, impacts_between=0)
     assert at_once.largest == pytest.approx(single / 2, rel=1e-9)
@@ -260,7 +273,9 @@ def test_constraints():
 
 @pytest.mark.thorough
 def test_what_timing_costs():
-    block, c, count = jr.Block(0.4, 4.0), 0.7, 3
+    block = jr.Block(0.4, 4.0)
+    c = 0.7
+    count = 3
     costs = jr.resonance.timing_costs(block, c, count)
     closed = float(jr.critical_intensity(block, c, count))
     single = float(jr.critical_intensity(block, c, 1))
@@ -287,7 +302,9 @@ def test_what_timing_costs_without_jax(model, slenderness, c, count):
 @BOTH
 def test_one_timing_without_jax(model):
     """Pulses that come late, for which there is no closed form."""
-    block, restitution, count = jr.Block(0.4, 2.0), jnp.asarray(0.9), 3
+    block = jr.Block(0.4, 2.0)
+    restitution = jnp.asarray(0.9)
+    count = 3
     rocker = timing.Rocker(block, restitution, model)
     train = timing.Train(jnp.zeros(count), jnp.ones(count), jnp.ones(count, int))
     ours = timing._find_needed_strength(rocker, train, 0.2) * float(rocker.unit)
@@ -303,7 +320,8 @@ def timed_without_jax(model, slenderness, c, count):
         plan = train_search.Plan(*(np.array([row]) for row in (later, part, weight)))
         return float(train_search.needed(case, plan, 60)[0][0]) * case.unit
 
-    ones, first = np.ones(count), np.arange(count) == 0
+    ones = np.ones(count)
+    first = np.arange(count) == 0
     parts = {f"{late:g} half-cycles after the impacts": late for late in (0.05, 0.1, 0.2)}
     answers = {
         when: needed(case, 0 * ones.astype(int), late * ones, ones)

@@ -144,7 +144,9 @@ class Process:
 
 def compare(python, trees, name, repeats):
     """Times of both trees: wall time and processor time of first calls, and of next ones [s]."""
-    wall, first, following = [], [], []
+    wall = []
+    first = []
+    following = []
     for repeat in range(repeats):
         processes = {}
         try:
@@ -169,7 +171,8 @@ def describe(pairs, margin):
     """The median ratio with its quartiles, and a mark where it is above the margin."""
     ratios = sorted(this / that for this, that in pairs)
     median = statistics.median(ratios)
-    low, high = ratios[len(ratios) // 4], ratios[-1 - len(ratios) // 4]
+    low = ratios[len(ratios) // 4]
+    high = ratios[-1 - len(ratios) // 4]
     mark = " SLOWER" if median > margin and low > 1 else ""
     return f"{median:5.2f} ({low:.2f} to {high:.2f}){mark:7}"
 

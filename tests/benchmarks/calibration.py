@@ -50,7 +50,8 @@ def main():
     show("1,000 fits, p fitted", lambda: many(frequency_known=False), 1)
     show("one fit, repairs sought", lambda: jr.fit_free_rocking(tests[0], BLOCK))
     show("another, of fewer impacts", lambda: jr.fit_free_rocking(tests[1][:7], BLOCK))
-    pulse, samples = jr.Sine(2.5, 0.8), np.linspace(0, 4, 201)
+    pulse = jr.Sine(2.5, 0.8)
+    samples = np.linspace(0, 4, 201)
     rotation, _ = jr.respond(jr.Block(0.2, 5.0), 0.85, pulse, 4.0).history(samples)
     test = samples, rotation, jr.Block(0.2, 5.0), pulse
     show("a test on a shaking table, pulse", lambda: jr.fit_driven_rocking(*test))

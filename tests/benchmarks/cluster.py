@@ -37,7 +37,8 @@ def closed_form(share=1.0):
 
 def driven(share=1.0):
     """A function that makes the grid of 20 records, and its chunks."""
-    suite, factors = jr.example_suite(), np.linspace(0.5, 3, 20)
+    suite = jr.example_suite()
+    factors = np.linspace(0.5, 3, 20)
     axes = (np.linspace(1, 6, int(50 * share)), np.linspace(3, 10, 20), 0.85)
     return lambda **options: jr.rocking_spectrum(suite, *axes, factor=factors, **options), 1
 

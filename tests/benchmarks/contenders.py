@@ -36,7 +36,8 @@ def _compiled():
     @numba.njit(fastmath=False, inline="always")
     def advance(square, lean, x, v, u, du, h):
         """One step of Runge and Kutta; u and du are the input in g at its start and its slope."""
-        middle, last = u + du * h / 2, u + du * h
+        middle = u + du * h / 2
+        last = u + du * h
         k1 = acceleration(square, lean, x, u)
         v2 = v + h / 2 * k1
         k2 = acceleration(square, lean, x + h / 2 * v, middle)
@@ -49,13 +50,19 @@ def _compiled():
     @numba.njit(parallel=True, fastmath=False)
     def loop(p, ac, restitution, y, time_step, gravity, steps):
         blocks = len(p)
-        peaks, overturned = np.zeros(blocks), np.zeros(blocks, np.bool_)
+        peaks = np.zeros(blocks)
+        overturned = np.zeros(blocks, np.bool_)
         impacts = np.zeros(blocks, np.int64)
         for j in numba.prange(blocks):
-            square, angle = p[j] ** 2, ac[j]
+            square = p[j] ** 2
+            angle = ac[j]
             threshold = math.tan(angle)
             still = REST * 2 * p[j] * math.sin(angle / 2)
-            x, v, s, peak, resting = 0.0, 0.0, 1.0, 0.0, True
+            x = 0.0
+            v = 0.0
+            s = 1.0
+            peak = 0.0
+            resting = True
             for n in range(steps):
                 u = y[n] / gravity
                 du = (y[n + 1] / gravity - u) / time_step
@@ -75,11 +82,13 @@ def _compiled():
                     lean = angle * s
                     xn, vn = advance(square, lean, x, v, u, du, left)
                     if s * xn >= 0:
-                        x, v = xn, vn
+                        x = xn
+                        v = vn
                         break
                     # The impact on the cubic through both ends, by Newton's method from
                     # the line between them, or from the time that a bounce takes.
-                    a, b = left * v, left * vn
+                    a = left * v
+                    b = left * vn
                     cubic = 2 * x + a - 2 * xn + b
                     quadratic = -3 * x - 2 * a + 3 * xn - b
                     part = min(-a / quadratic, 1.0) if x == 0 else x / (x - xn)
@@ -92,11 +101,14 @@ def _compiled():
                     hit = part * left
                     _, v = advance(square, lean, x, v, u, du, hit)
                     impacts[j] += 1
-                    x, v, s = 0.0, restitution[j] * v, -s
+                    x = 0.0
+                    v = restitution[j] * v
+                    s = -s
                     u += du * hit
                     left -= hit
                     if abs(v) < still and abs(u) <= threshold:
-                        v, resting = 0.0, True
+                        v = 0.0
+                        resting = True
                         break
                     if left <= 0:
                         break
@@ -120,7 +132,9 @@ def scipy_events(
 ):
     """Peak, overturned, and impacts of one block."""
     times = np.arange(steps + 1) * time_step
-    end, threshold, still = times[-1], math.tan(ac), REST * 2 * p * math.sin(ac / 2)
+    end = times[-1]
+    threshold = math.tan(ac)
+    still = REST * 2 * p * math.sin(ac / 2)
     level = np.asarray(y[: steps + 1], float) / gravity
     side = 1.0
 
@@ -135,9 +149,14 @@ def scipy_events(
     def over(time, state):
         return abs(state[0]) - math.pi / 2
 
-    impact.terminal, impact.direction = True, -1
+    impact.terminal = True
+    impact.direction = -1
     over.terminal = True
-    time, velocity, peak, impacts, resting = 0.0, 0.0, 0.0, 0, True
+    time = 0.0
+    velocity = 0.0
+    peak = 0.0
+    impacts = 0
+    resting = True
     while time < end:
         if resting:
             later = np.flatnonzero((np.abs(level) > threshold) & (times > time))
@@ -151,7 +170,10 @@ def scipy_events(
                 lift = times[before] + (sign * threshold - level[before]) / rise
             else:
                 lift = times[before]
-            time, velocity, side, resting = max(lift, time), 0.0, sign, False
+            time = max(lift, time)
+            velocity = 0.0
+            side = sign
+            resting = False
         # off the ground by a little, so that the event does not fire where it starts
         start = [side * 1e-14, velocity]
         longest = time_step if velocity == 0 else 2 * time_step
@@ -171,7 +193,9 @@ def scipy_events(
         if not len(result.t_events[0]):
             break
         impacts += 1
-        time, velocity, side = result.t[-1], restitution * result.y[1, -1], -side
+        time = result.t[-1]
+        velocity = restitution * result.y[1, -1]
+        side = -side
         if abs(velocity) < still and abs(np.interp(time, times, level)) <= threshold:
             resting = True
     return peak, False, impacts
@@ -203,8 +227,10 @@ def ceiling(p, ac, restitution, y, time_step, gravity, steps):
     p, ac, restitution = (np.ascontiguousarray(a, float) for a in (p, ac, restitution))
     level = np.asarray(y[: steps + 1], float) / gravity
     halves = np.empty(2 * steps + 1)
-    halves[::2], halves[1::2] = level, (level[1:] + level[:-1]) / 2
+    halves[::2] = level
+    halves[1::2] = (level[1:] + level[:-1]) / 2
     peaks = np.empty(len(p))
-    root, shift = np.sqrt(1 + halves**2), np.arctan(halves)
+    root = np.sqrt(1 + halves**2)
+    shift = np.arctan(halves)
     rock(len(p), steps, time_step, p, ac, restitution, root, shift, peaks)
     return peaks

@@ -20,7 +20,8 @@ from references import stepping
 
 import jaxrock as jr
 
-NUMBER, FEW = 100_000, 20
+NUMBER = 100_000
+FEW = 20
 GRAVITY = 9.81
 
 
@@ -57,24 +58,29 @@ def driven_by_brentq(b, slenderness, c, duration, bracket, watched):
 
     def margin(amplitude):
         t = math.asin(GRAVITY / slenderness / amplitude) / math.pi * duration
-        y, side = [0.0, 0.0], 1
+        y = [0.0, 0.0]
+        side = 1
         while True:
 
             def field(t, y, side=side):
-                push, q = amplitude * math.sin(math.pi * t / duration), angle * side - y[0]
+                push = amplitude * math.sin(math.pi * t / duration)
+                q = angle * side - y[0]
                 return [y[1], square * (push / GRAVITY * math.cos(q) - math.sin(q))]
 
             def landing(t, y, side=side):
                 return side * y[0] + 1e-15
 
-            landing.terminal, landing.direction = True, -1
+            landing.terminal = True
+            landing.direction = -1
             end = solve_ivp(
                 field, (t, duration), y, "DOP853", rtol=1e-10, atol=1e-13,
                 events=landing if watched else None,
             )  # fmt: skip
             if not (watched and end.t_events[0].size):
                 return rocker.margin(*end.y[:, -1], side)
-            t, y, side = end.t[-1], [0.0, c * end.y[1, -1]], -side
+            t = end.t[-1]
+            y = [0.0, c * end.y[1, -1]]
+            side = -side
 
     return brentq(margin, *bracket, xtol=1e-10)
 
@@ -82,8 +88,10 @@ def driven_by_brentq(b, slenderness, c, duration, bracket, watched):
 def main():
     jax.config.update("jax_enable_x64", True)
     rng = np.random.default_rng(0)
-    b, slenderness = rng.uniform(0.1, 1, NUMBER), rng.uniform(3, 8, NUMBER)
-    c, duration = rng.uniform(0.5, 0.95, NUMBER), rng.uniform(0.3, 1.0, NUMBER)
+    b = rng.uniform(0.1, 1, NUMBER)
+    slenderness = rng.uniform(3, 8, NUMBER)
+    c = rng.uniform(0.5, 0.95, NUMBER)
+    duration = rng.uniform(0.3, 1.0, NUMBER)
     block = jr.Block(b, slenderness)
     print(f"{'':34}{'jaxrock':>12}{'brentq':>12}{'ratio':>10}{'agree to':>10}")
 
@@ -94,7 +102,8 @@ def main():
         found = np.asarray(jr.critical_intensity(block, c, 5.0, model))
         compiled = jax.jit(lambda *at, model=model: jr.critical_intensity(*at, 5.0, model))
         ours = median(lambda compiled=compiled: compiled(block, c))
-        begin, few = time.perf_counter(), 50 * FEW
+        begin = time.perf_counter()
+        few = 50 * FEW
         others = [
             closed_form_by_brentq(b[k], slenderness[k], c[k], 5, model == jr.Linearized())
             for k in range(few)

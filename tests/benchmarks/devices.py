@@ -13,7 +13,9 @@ import subprocess
 import sys
 import time
 
-COUNTS, TURNS, REPEATS = (1, 2, 4), 2, 5
+COUNTS = (1, 2, 4)
+TURNS = 2
+REPEATS = 5
 
 
 def measure():

@@ -24,7 +24,8 @@ from typing import NamedTuple
 
 FILE = Path(__file__).with_suffix(".json")
 PAGE = FILE.parents[2] / "docs" / "speed_and_accuracy.md"
-BEGIN, END = "<!-- first calls: begin -->\n", "<!-- first calls: end -->\n"
+BEGIN = "<!-- first calls: begin -->\n"
+END = "<!-- first calls: end -->\n"
 PYTHON = "{}.{}".format(*sys.version_info)
 NONE = (math.inf, math.inf)
 
@@ -34,7 +35,8 @@ def respond(motion, factor=1.0):
 
     motion = jr.Sine(4.0, 0.5) if motion == "pulse" else jr.example_record()
     motion = motion if factor == 1.0 else motion.scaled(factor)
-    block, duration = jr.Block(0.2, 5.0), float(motion.end) + 10
+    block = jr.Block(0.2, 5.0)
+    duration = float(motion.end) + 10
     return lambda c: jr.respond(block, c, motion, duration)
 
 
@@ -89,7 +91,9 @@ def boundaries():
 
     import jaxrock as jr
 
-    block, record, tried = jr.Block(0.1, 5.0), jr.example_record(), jnp.linspace(0.5, 2.0, 31)
+    block = jr.Block(0.1, 5.0)
+    record = jr.example_record()
+    tried = jnp.linspace(0.5, 2.0, 31)
     return lambda: jr.overturning_boundaries(block, 0.9, record, "factor", tried)
 
 
@@ -102,7 +106,8 @@ def wall():
 def of_wall(name, *arguments):
     import jaxrock as jr
 
-    block, f = wall().block, getattr(jr if name in jr.__all__ else jr.resonance, name)
+    block = wall().block
+    f = getattr(jr if name in jr.__all__ else jr.resonance, name)
     return lambda c: f(block, c, *arguments)
 
 
@@ -121,7 +126,9 @@ def pulsed():
 def of_scene(name, answer, *arguments):
     import jaxrock as jr
 
-    scene, f, answer = wall(), getattr(jr.sensitivity, name), getattr(jr, answer)
+    scene = wall()
+    f = getattr(jr.sensitivity, name)
+    answer = getattr(jr, answer)
     return lambda: f(answer, scene, *arguments)
 
 
@@ -202,7 +209,8 @@ def driven_fit():
 
     import jaxrock as jr
 
-    block, pulse = jr.Block(0.2, 5.0), jr.Sine(amplitude=2.5, duration=0.8)
+    block = jr.Block(0.2, 5.0)
+    pulse = jr.Sine(amplitude=2.5, duration=0.8)
     time = np.linspace(0, 4, 101)
     # By another process, so that nothing is compiled in this one.
     rotation = json.loads(run(["-c", MEASUREMENT])[0])
@@ -405,7 +413,8 @@ def seconds(value):
 
 def table(written):
     """The table in Markdown: each column for the newest and for the oldest Python."""
-    new, old = written["3.13"], written["3.11"]
+    new = written["3.13"]
+    old = written["3.11"]
     rows = ["| seconds | first | with a cache | next |", "|---|---|---|---|"]
     for name in CASES:
         first, following, cached = (

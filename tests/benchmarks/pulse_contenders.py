@@ -33,14 +33,16 @@ def _loop():
     @numba.njit(fastmath=True)
     def expand(c, sine, cosine, u, p2, tilt, rate):
         """Fills in the series of the rotation, given its first two and those of the input."""
-        sine[0], cosine[0] = math.sin(tilt - c[0]), math.cos(tilt - c[0])
+        sine[0] = math.sin(tilt - c[0])
+        cosine[0] = math.cos(tilt - c[0])
         for k in range(len(c) - 2):
             if k:
                 a = b = 0.0
                 for j in range(1, k + 1):
                     a -= j * c[j] * cosine[k - j]
                     b += j * c[j] * sine[k - j]
-                sine[k], cosine[k] = a / k, b / k
+                sine[k] = a / k
+                cosine[k] = b / k
             if k > 1:
                 u[k] = -rate * rate * u[k - 2] / (k * (k - 1))
             total = -sine[k]
@@ -54,9 +56,11 @@ def _loop():
         time = 0.5 * (low + high)
         for _ in range(60):
             if falling:
-                f, d = value(c, time), slope(c, time)
+                f = value(c, time)
+                d = slope(c, time)
             else:
-                f, d = slope(c, time), 0.0
+                f = slope(c, time)
+                d = 0.0
                 for k in range(len(c) - 1, 1, -1):
                     d = d * time + k * (k - 1) * c[k]
             if f < 0:
@@ -75,34 +79,46 @@ def _loop():
     def run(p2, tilt, restitution, level, rate, length, end, order, tolerance):
         peaks = np.zeros(len(p2))
         for i in numba.prange(len(p2)):
-            c, sine = np.zeros(order + 1), np.zeros(order + 1)
-            cosine, u = np.zeros(order + 1), np.zeros(order + 1)
+            c = np.zeros(order + 1)
+            sine = np.zeros(order + 1)
+            cosine = np.zeros(order + 1)
+            u = np.zeros(order + 1)
             time = math.asin(math.tan(tilt[i]) / level[i]) / rate
-            x, v, side, peak = 0.0, 0.0, 1.0, 0.0
+            x = 0.0
+            v = 0.0
+            side = 1.0
+            peak = 0.0
             while time < end and x < math.pi / 2:
                 acts = time < length
                 u[0] = side * level[i] * math.sin(rate * time) if acts else 0.0
                 u[1] = side * level[i] * rate * math.cos(rate * time) if acts else 0.0
-                c[0], c[1] = x, v
+                c[0] = x
+                c[1] = v
                 expand(c, sine, cosine, u, p2[i], tilt[i], rate)
                 step = (length if acts else end) - time
                 for k in (order - 1, order):
                     if c[k] != 0:
                         step = min(step, (tolerance * tilt[i] / abs(c[k])) ** (1 / k))
-                stop, lands = step, False
+                stop = step
+                lands = False
                 for k in range(1, 5):  # a dip between two of these times goes unseen
                     if value(c, k * step / 4) < 0:
                         before = (k - 1) * step / 4
                         if x == 0 and k == 1:
                             before = 1e-9 * step
-                        stop, lands = root(c, before, k * step / 4, True), True
+                        stop = root(c, before, k * step / 4, True)
+                        lands = True
                         break
                 if v >= 0 and slope(c, stop) < 0:
                     peak = max(peak, value(c, root(c, 0.0, stop, False)))
-                x, v, time = value(c, stop), slope(c, stop), time + stop
+                x = value(c, stop)
+                v = slope(c, stop)
+                time = time + stop
                 peak = max(peak, x)
                 if lands:
-                    x, v, side = 0.0, -restitution[i] * v, -side
+                    x = 0.0
+                    v = -restitution[i] * v
+                    side = -side
                     if not acts and v * v < 1e-16 * p2[i] * tilt[i] ** 2:
                         break
             peaks[i] = peak
@@ -148,7 +164,8 @@ def _integrator(tolerance):
 
 def heyoka_batch(p, angle, restitution, level, length, end, tolerance=1e-9):
     """Final rotations, a multiple of four blocks; it knows no peaks."""
-    (integrator, kept), rate = _integrator(tolerance), 2 * math.pi / length
+    integrator, kept = _integrator(tolerance)
+    rate = 2 * math.pi / length
     lifted = np.arcsin(np.tan(angle) / level) / rate
     begun = 1e-5  # after uplift; on the ground the event would fire at once
     jerk = p**2 * level * rate * np.cos(rate * lifted) * np.cos(angle)

@@ -19,15 +19,18 @@ from pulse_contenders import heyoka_batch, numba_taylor
 
 import jaxrock as jr
 
-LENGTH, END = 0.5, 1.0
+LENGTH = 0.5
+END = 1.0
 SHAPES = (jr.Rectangular, jr.HalfSine, jr.Sine, jr.Cosine, jr.Ricker)
 
 
 def scene(count):
     """Random blocks, restitutions, and amplitudes over g."""
     rng = np.random.default_rng(0)
-    half_width, slenderness = rng.uniform(0.1, 0.5, count), rng.uniform(3, 8, count)
-    restitution, ratio = rng.uniform(0.5, 0.95, count), rng.uniform(1.2, 4, count)
+    half_width = rng.uniform(0.1, 0.5, count)
+    slenderness = rng.uniform(3, 8, count)
+    restitution = rng.uniform(0.5, 0.95, count)
+    ratio = rng.uniform(1.2, 4, count)
     return jr.Block(half_width, slenderness), restitution, ratio / slenderness
 
 

@@ -107,7 +107,8 @@ def one():
         return jr.respond(block, c, record.scaled(scale), 60.0).peak_rotation
 
     at = jnp.asarray([0.2, 5.0, 0.9, 1.0])
-    plain, slopes = jax.jit(peak), jax.jit(jax.jacfwd(peak))
+    plain = jax.jit(peak)
+    slopes = jax.jit(jax.jacfwd(peak))
     taken = median(lambda: plain(at).block_until_ready())
     sloped = median(lambda: slopes(at).block_until_ready())
     print(

@@ -20,8 +20,10 @@ import numpy as np
 import jaxrock as jr
 
 AXES = (np.linspace(3, 10, 100), np.linspace(0.2, 0.6, 100), np.linspace(0.5, 0.8, 100))
-INTENSITY, GRAVITY = 0.15, 9.81
-ROUNDS, REPEATS = 7, 5
+INTENSITY = 0.15
+GRAVITY = 9.81
+ROUNDS = 7
+REPEATS = 5
 
 
 def linearized_by_hand(slenderness, half_width, restitution, intensity):
@@ -47,10 +49,12 @@ def nonlinear_by_hand(slenderness, half_width, restitution, intensity):
 
 def differences(function, arguments, central):
     """Values, and slopes by finite differences."""
-    values, slopes = function(*arguments), []
+    values = function(*arguments)
+    slopes = []
     for position, argument in enumerate(arguments):
         step = 1e-6 * argument
-        up, down = list(arguments), list(arguments)
+        up = list(arguments)
+        down = list(arguments)
         up[position] = argument + step
         if central:
             down[position] = argument - step

@@ -69,7 +69,8 @@ def rate_many(inventory, site):
 def main():
     """Print all."""
     jax.monitoring.register_event_duration_secs_listener(hear)
-    block, suite = jr.Block.from_size(width=0.6, height=2.4), jr.example_suite()
+    block = jr.Block.from_size(width=0.6, height=2.4)
+    suite = jr.example_suite()
     levels = jnp.geomspace(0.1, 3.0, 1000)
     hazard = jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
     site = jr.Site(suite, hazard)

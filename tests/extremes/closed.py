@@ -63,7 +63,8 @@ def frozen_truth(name, precision, corner, row):
 
 def failures(name: str, precision: str, reverse: bool = False) -> dict[tuple[str, str], str]:
     """Corner and quantity of the cells that fail, with what is wrong."""
-    function, dtype = FUNCTIONS[name], PRECISIONS[precision]
+    function = FUNCTIONS[name]
+    dtype = PRECISIONS[precision]
     rows = [arguments(corner, function.model_name, dtype) for corner in CORNERS]
     found = answers(function, jnp.asarray(np.array(rows), dtype), reverse)
     assert all(part.dtype == dtype for part in found)
@@ -86,7 +87,8 @@ def count_failures(model_name: str, precision: str) -> dict[tuple[str, str], str
     The velocity of that half-cycle reaches the critical one, and that of the one before does
     not, up to what rounding may change in them and in the count.
     """
-    dtype, model = PRECISIONS[precision], MODELS[model_name]
+    dtype = PRECISIONS[precision]
+    model = MODELS[model_name]
     rows = [arguments(corner, model_name, dtype) for corner in CORNERS]
     function = Function(
         lambda *a: jr.overturning_half_cycle(scene(*a), model),
@@ -167,7 +169,8 @@ def _hessian_is_wrong(function, exact, row, value, hessian):
     total = sum(abs(scale[i] * scale[j] * exact.hessian[i][j]) for i in size for j in size)
     for i in size:
         for j in size:
-            ours, theirs = hessian[i, j], exact.hessian[i][j]
+            ours = hessian[i, j]
+            theirs = exact.hessian[i][j]
             bound = relative * total / (scale[i] * scale[j])
             bound += _nothing(exact, scale[i] * scale[j], hessian.dtype)
             if not np.isfinite(ours):

@@ -20,7 +20,8 @@ BASE = {"b": 0.4, "slenderness": 5.0, "gravity": 9.81, "restitution": 0.7, "inte
 
 # Digits of the reference; where launches are as weak as the smallest numbers, their squares
 # and the squares of steps for derivatives must still be told from 0.
-DIGITS, DIGITS_OF_WEAK = 200, 1600
+DIGITS = 200
+DIGITS_OF_WEAK = 1600
 STEP = mp.mpf(10) ** -45
 
 # Derivatives are within so many eps, relative to themselves, over 1 - x^2 where they have a
@@ -109,11 +110,14 @@ def scene(b, slenderness, gravity, restitution, intensity):
 
 def sum_of_powers(ratio, count):
     """1 + C + ... + C^(n - 1), by doubling."""
-    total, power = mp.mpf(1), ratio
+    total = mp.mpf(1)
+    power = ratio
     for digit in bin(count)[3:]:
-        total, power = total * (1 + power), power**2
+        total = total * (1 + power)
+        power = power**2
         if digit == "1":
-            total, power = 1 + ratio * total, ratio * power
+            total = 1 + ratio * total
+            power = ratio * power
     return total
 
 

@@ -97,10 +97,12 @@ def test_second_derivatives_of_driven_motion(solver):
 @pytest.mark.thorough
 @pytest.mark.release
 def test_a_million_half_cycles():
-    block, model = jr.Block(0.4, 5.0), jr.Nonlinear()
+    block = jr.Block(0.4, 5.0)
+    model = jr.Nonlinear()
     launch = 0.6 * model.critical_velocity(block)
     half = model.half_cycle_duration(block, launch)
-    still, million = jr.Rectangular(0.0, 1e-3), 1_000_000
+    still = jr.Rectangular(0.0, 1e-3)
+    million = 1_000_000
 
     @jax.jit
     def run(seconds):
@@ -138,7 +140,8 @@ def test_record_at_10_khz(solver):
 
     at = jnp.asarray([0.4, 5.0, 0.9, 3.2])
     np.testing.assert_allclose(of_record(at), of_pulse(at), rtol=2e-6)
-    slopes, expected = jax.jit(jax.jacfwd(of_record))(at), jax.jit(jax.jacfwd(of_pulse))(at)
+    slopes = jax.jit(jax.jacfwd(of_record))(at)
+    expected = jax.jit(jax.jacfwd(of_pulse))(at)
     np.testing.assert_allclose(slopes, expected, rtol=2e-5, atol=1e-6)
 
 

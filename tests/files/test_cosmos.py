@@ -38,7 +38,8 @@ def channel(
     step=STEP,
     relative=-999,
 ):
-    integers, reals = np.full(100, -999), np.full(100, -999.0)
+    integers = np.full(100, -999)
+    reals = np.full(100, -999.0)
     parameter = ["acceleration", "velocity", "displacement"].index(quantity) + 1
     integers[[0, 1, 2, 3, 49, 53, 54]] = 2, parameter, unit_code, 120, number, code, relative
     largest = values[np.argmax(abs(values))]

@@ -33,32 +33,38 @@ class Linearized:
 
     @staticmethod
     def peak_rotation(b, slenderness, gravity, velocity):
-        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        p = frequency(b, slenderness, gravity)
+        angle = critical_angle(slenderness)
         argument = mp.atanh(velocity / (angle * p))
         return angle * (1 - mp.cosh(argument)) + velocity / p * mp.sinh(argument)
 
     @staticmethod
     def half_cycle_duration(b, slenderness, gravity, velocity):
-        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        p = frequency(b, slenderness, gravity)
+        angle = critical_angle(slenderness)
         return 2 / p * mp.atanh(velocity / (angle * p))
 
     @staticmethod
     def motion(b, slenderness, gravity, velocity, time):
         """Eq. 5: rotation and velocity."""
-        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
-        sinh, cosh = mp.sinh(p * time), mp.cosh(p * time)
+        p = frequency(b, slenderness, gravity)
+        angle = critical_angle(slenderness)
+        sinh = mp.sinh(p * time)
+        cosh = mp.cosh(p * time)
         return angle * (1 - cosh) + velocity / p * sinh, -angle * p * sinh + velocity * cosh
 
 
 class Nonlinear:
     @staticmethod
     def critical_velocity(b, slenderness, gravity):
-        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        p = frequency(b, slenderness, gravity)
+        angle = critical_angle(slenderness)
         return p * mp.sqrt(2 * (1 - mp.cos(angle)))
 
     @staticmethod
     def peak_rotation(b, slenderness, gravity, velocity):
-        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        p = frequency(b, slenderness, gravity)
+        angle = critical_angle(slenderness)
         return angle - mp.acos(mp.cos(angle) + velocity**2 / (2 * p**2))
 
     @classmethod
@@ -69,7 +75,8 @@ class Nonlinear:
 
     @staticmethod
     def _half_cycle_duration(b, slenderness, gravity, velocity):
-        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        p = frequency(b, slenderness, gravity)
+        angle = critical_angle(slenderness)
         modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
         launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
         swing = mp.ellipk(modulus) - mp.ellipf(launch, modulus)
@@ -78,7 +85,8 @@ class Nonlinear:
     @classmethod
     def motion(cls, b, slenderness, gravity, velocity, time):
         """The same pendulum, at a time counted from its lowest point."""
-        p, angle = frequency(b, slenderness, gravity), critical_angle(slenderness)
+        p = frequency(b, slenderness, gravity)
+        angle = critical_angle(slenderness)
         modulus = mp.cos(angle / 2) ** 2 + velocity**2 / (4 * p**2)
         launch = mp.asin(mp.cos(angle / 2) / mp.sqrt(modulus))
         phase = mp.ellipf(launch, modulus) + p * time
@@ -186,7 +194,8 @@ def oscillator_motion(omega, xi, velocity, time):
     """Eq. 16: displacement and velocity."""
     damped = omega * mp.sqrt(1 - xi**2)
     decay = mp.exp(-xi * omega * time) * velocity
-    sine, cosine = mp.sin(damped * time), mp.cos(damped * time)
+    sine = mp.sin(damped * time)
+    cosine = mp.cos(damped * time)
     return decay / damped * sine, decay * (cosine - xi * omega / damped * sine)
 
 

@@ -50,10 +50,8 @@ def model_of(case):
 def launch(case):
     """Velocity with which the half-cycle asked for begins."""
     if case["input"] == "train":
-        b, slenderness, gravity, intensity = (
-            *block_of(case),
-            mp.mpf(case["intensity"]),
-        )
+        b, slenderness, gravity = block_of(case)
+        intensity = mp.mpf(case["intensity"])
         c = mp.mpf(case["restitution"] or 0)
         return closed_forms.half_cycle_velocity(
             b, slenderness, gravity, c, intensity, case["number"]
@@ -66,10 +64,8 @@ def launch(case):
 def arrival(case):
     """Velocity with which a block released from a rotation meets the ground, by energy."""
     b, slenderness, gravity = block_of(case)
-    p, angle = (
-        closed_forms.frequency(b, slenderness, gravity),
-        closed_forms.critical_angle(slenderness),
-    )
+    p = closed_forms.frequency(b, slenderness, gravity)
+    angle = closed_forms.critical_angle(slenderness)
     start = mp.mpf(case["initial_rotation"])
     if case["model"] == "linearized":
         return p * mp.sqrt(angle**2 - (angle - start) ** 2)
@@ -79,7 +75,8 @@ def arrival(case):
 def half_cycle_peak_rotation(case):
     if case["initial_rotation"] and case["model"] == "linearized":  # Housner's decay
         angle = closed_forms.critical_angle(mp.mpf(case["slenderness"]))
-        first, r = mp.mpf(case["initial_rotation"]) / angle, mp.mpf(case["restitution"]) ** 2
+        first = mp.mpf(case["initial_rotation"]) / angle
+        r = mp.mpf(case["restitution"]) ** 2
         left = r ** (case["number"] - 1) * (1 - (1 - first) ** 2)
         return angle * (1 - mp.sqrt(1 - left))
     return model_of(case).peak_rotation(*block_of(case), launch(case))
@@ -167,7 +164,8 @@ def driven(case, folder):
         case["gravity"],
     )
     if case["input"] == "file":
-        ground, settle = stepping.record(*samples(folder / case["file"]), case["scale"]), 0.0
+        ground = stepping.record(*samples(folder / case["file"]), case["scale"])
+        settle = 0.0
     else:
         ground = stepping.pulse(SHAPES[case["input"]], case["amplitude"], case["duration"])
         settle = 0.0 if case["time"] is None else max(case["time"] - ground.edges[0, -1], 0.0)
@@ -226,7 +224,8 @@ def answer(case, folder):
 
 def derivative(case, folder):
     """By central differences at three steps; what is left is of sixth order in them."""
-    variable, step = case["variable"], 4e-4 * case[case["variable"]]
+    variable = case["variable"]
+    step = 4e-4 * case[case["variable"]]
 
     def central(h):
         high, low = (

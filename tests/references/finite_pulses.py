@@ -12,7 +12,8 @@ from scipy.special import elliprf
 
 import jaxrock as jr
 
-STEPS, ITERATIONS = 96, 15
+STEPS = 96
+ITERATIONS = 15
 STRENGTH = {
     jr.Rectangular: np.ones_like,
     jr.HalfSine: lambda phase: np.pi / 2 * np.sin(np.pi * phase),
@@ -35,10 +36,13 @@ def critical_velocity(slenderness):
 
 def steady(slenderness, restitution, velocity, duration, shape):
     """Rocking at a landing velocity, under the pulses of this duration that keep it."""
-    angle, critical = np.arctan(1 / slenderness), critical_velocity(slenderness)
+    angle = np.arctan(1 / slenderness)
+    critical = critical_velocity(slenderness)
 
     def end_of_pulse(intensity):
-        rotation, speed, lifted = np.zeros_like(angle), restitution * velocity, True
+        rotation = np.zeros_like(angle)
+        speed = restitution * velocity
+        lifted = True
         h = duration / STEPS
 
         def acceleration(rotation, phase):
@@ -61,13 +65,17 @@ def steady(slenderness, restitution, velocity, duration, shape):
         return np.sqrt(np.maximum(speed**2 + 2 * gained, 0)) - velocity
 
     unit = (1 - restitution) * velocity / np.cos(angle)
-    intensity, before = unit, 1.01 * unit
-    now, then = excess(intensity), excess(before)
+    intensity = unit
+    before = 1.01 * unit
+    now = excess(intensity)
+    then = excess(before)
     for _ in range(ITERATIONS):  # secants
         moved = now != then
         slope = np.where(moved, now - then, 1) / np.where(moved, intensity - before, 1)
         change = np.clip(-now / slope, -0.3 * unit, 0.3 * unit)
-        intensity, before, then = intensity + np.where(moved, change, 0), intensity, now
+        before = intensity
+        intensity = intensity + np.where(moved, change, 0)
+        then = now
         now = excess(intensity)
     rotation, speed, lifted = end_of_pulse(intensity)
     lifted = lifted & (np.abs(now) < 1e-13 * velocity)

@@ -40,12 +40,17 @@ class Trajectory:
     """
 
     def __init__(self, rocker, pieces, settle, rtol=1e-12):
-        self.rocker, self.rtol = rocker, rtol
+        self.rocker = rocker
+        self.rtol = rtol
         self.grid = 2 if len(pieces) > 5 else 2001  # a record is linear in between
         self.radius = rocker.radius
-        self.demand, self.normal, self.loss = 0.0, math.inf, math.inf
+        self.demand = 0.0
+        self.normal = math.inf
+        self.loss = math.inf
         self.alpha = self.velocity = 0.0
-        self.side, self.resting, self.over = 1, True, False
+        self.side = 1
+        self.resting = True
+        self.over = False
         last = pieces[-1].end
         for piece in [*pieces, Piece(last, last + settle, lambda t: (0.0, 0.0))]:
             self.follow(piece)
@@ -102,16 +107,19 @@ class Trajectory:
 
     def rest(self, begin, piece):
         """Wait for uplift; the end of the wait."""
-        steady, times = 1 + 1e-13, np.linspace(begin, piece.end, self.grid)
+        steady = 1 + 1e-13
+        times = np.linspace(begin, piece.end, self.grid)
         lifted = [self.lifted(np.divide(piece.ground(t), steady)) for t in times]
         if True in lifted:
             first = lifted.index(True)
-            low, high = times[max(first - 1, 0)], times[first]
+            low = times[max(first - 1, 0)]
+            high = times[first]
             for _ in range(60):
                 middle = 0.5 * (low + high)
                 up = self.lifted(np.divide(piece.ground(middle), steady))
                 low, high = (low, middle) if up else (middle, high)
-            until, self.resting = high, False
+            until = high
+            self.resting = False
             self.side = 1 if piece.ground(until)[0] > 0 else -1
         else:
             until = piece.end
@@ -138,12 +146,14 @@ class Trajectory:
             self.alpha, self.velocity = path(times[-1])
             t = piece.end if not (landed or self.over) else t + times[-1]
             if landed:
-                self.alpha, self.side = 0.0, -self.side
+                self.alpha = 0.0
+                self.side = -self.side
                 self.velocity *= self.rocker.c
                 onward = self.side * self.rocker.acceleration(0.0, self.side, piece.ground(t))
                 # Further bounces take this much time.
                 if 2 * abs(self.velocity) <= -1e-9 * onward * (1 - self.rocker.c):
-                    self.resting, self.velocity = True, 0.0
+                    self.resting = True
+                    self.velocity = 0.0
 
     def segment(self, t, piece):
         """The path to the end of the piece or the impact, times along it, and whether it landed."""
@@ -166,7 +176,8 @@ class Trajectory:
             return side * y[1]
 
         ground.terminal = fallen.terminal = True
-        ground.direction, dip.direction = -1, 1
+        ground.direction = -1
+        dip.direction = 1
         solution = solve_ivp(
             field,
             (0, piece.end - t),

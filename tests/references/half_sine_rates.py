@@ -11,7 +11,9 @@ import numpy as np
 import jaxrock as jr
 
 DURATIONS = (0.4, 0.7, 1.1)
-OFTEN, POWER = 2e-4, 2.3  # the hazard is OFTEN / level**POWER
+# the hazard is OFTEN / level**POWER
+OFTEN = 2e-4
+POWER = 2.3
 
 
 def pulses(samples):
@@ -28,13 +30,15 @@ def verge(measure, duration, half_width, slenderness, inertia_ratio):
     """The boundary in levels of PGA or PGV, from alpha' + p (alpha - alpha_c) = 0 at the end."""
     numbers = map(mpmath.mpf, (duration, half_width, slenderness, inertia_ratio))
     duration, half_width, slenderness, inertia_ratio = numbers
-    angle, gravity = mpmath.acot(slenderness), mpmath.mpf("9.81")
+    angle = mpmath.acot(slenderness)
+    gravity = mpmath.mpf("9.81")
     w = mpmath.pi / duration
     p = mpmath.sqrt(gravity * mpmath.sin(angle) / (inertia_ratio * half_width))
 
     def at_the_end(beta):
         uplift = mpmath.asin(1 / beta) / w
-        start, end = mpmath.exp(-p * uplift), mpmath.exp(-p * duration)
+        start = mpmath.exp(-p * uplift)
+        end = mpmath.exp(-p * duration)
         pushed = start * (p / beta + w * mpmath.cos(w * uplift)) + w * end
         return p * beta * pushed / (p**2 + w**2) - start
 

@@ -115,7 +115,8 @@ def read_mutations(content, path, read, same, number=1000, seed=0, statements=()
     refused.
     """
     random = np.random.default_rng(seed)
-    faults, counts = [], {"read": 0, "refused": 0}
+    faults = []
+    counts = {"read": 0, "refused": 0}
     mutations = MUTATIONS + ["other statement"] * bool(statements)
     for k in range(number):
         mutation = mutations[k % len(mutations)]

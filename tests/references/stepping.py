@@ -84,7 +84,8 @@ def record(horizontal, vertical, step, scale=1.0):
     edges = step * np.arange(samples.shape[1])
 
     def value(motion, piece, time):
-        left, right = samples[:, piece], samples[:, piece + 1]
+        left = samples[:, piece]
+        right = samples[:, piece + 1]
         return tuple(scale[motion] * (left + time / step * (right - left)))
 
     return Ground(np.broadcast_to(edges, (scale.size, edges.size)), value)
@@ -92,7 +93,8 @@ def record(horizontal, vertical, step, scale=1.0):
 
 def within(ground, start, duration):
     """The motions from `start` on, as far as they are followed, and how long after their end."""
-    start, duration = np.asarray(start, float)[:, None], np.asarray(duration, float)[:, None]
+    start = np.asarray(start, float)[:, None]
+    duration = np.asarray(duration, float)[:, None]
     later = start + ground.edges
     edges = np.minimum(np.concatenate([np.zeros_like(start), later], axis=1), duration)
 
@@ -113,7 +115,9 @@ class Rocker:
         # Of the moment of inertia about the edge, `share` is what the mass in its centre has.
         self.radius = half_width * np.hypot(1, slenderness)
         self.p = np.sqrt(share * gravity / self.radius)
-        self.c, self.linearized, self.gravity = restitution, linearized, gravity
+        self.c = restitution
+        self.linearized = linearized
+        self.gravity = gravity
         self.tangent = self.angle if linearized else np.tan(self.angle)
 
     def of(self, which, size):
@@ -127,7 +131,8 @@ class Rocker:
     def acceleration(self, alpha, side, ground):
         horizontal, vertical = ground
         q = self.angle * side - alpha
-        upright, sideways = 1 + vertical / self.gravity, horizontal / self.gravity
+        upright = 1 + vertical / self.gravity
+        sideways = horizontal / self.gravity
         if self.linearized:
             return -(self.p**2) * (upright * q - sideways)
         return -(self.p**2) * (upright * np.sin(q) - sideways * np.cos(q))
@@ -151,17 +156,22 @@ def _stepped(field, time, x, v, h, rounding=0.0):
 
     `rounding` is the least acceleration that counts: errors beside less are not looked at.
     """
-    kx, kv = np.empty((13, *x.shape)), np.empty((13, *x.shape))
-    kx[0], kv[0] = v, field(time, x)
+    kx = np.empty((13, *x.shape))
+    kv = np.empty((13, *x.shape))
+    kx[0] = v
+    kv[0] = field(time, x)
     for s in range(1, 12):
         a = DOP853.A[s, :s]
         kx[s] = v + h * (a @ kv[:s])
         kv[s] = field(time + DOP853.C[s] * h, x + h * (a @ kx[:s]))
-    there, speed = x + h * (DOP853.B @ kx[:12]), v + h * (DOP853.B @ kv[:12])
-    kx[12], kv[12] = speed, field(time + h, there)
+    there = x + h * (DOP853.B @ kx[:12])
+    speed = v + h * (DOP853.B @ kv[:12])
+    kx[12] = speed
+    kv[12] = field(time + h, there)
 
     def estimate(k, scale):
-        fifth, third = (DOP853.E5 @ k) / scale, (DOP853.E3 @ k) / scale
+        fifth = (DOP853.E5 @ k) / scale
+        third = (DOP853.E3 @ k) / scale
         return h * fifth**2 / np.sqrt(np.maximum(fifth**2 + 0.01 * third**2, 1e-300))
 
     # Small bounces are followed as exactly as large ones.
@@ -176,7 +186,8 @@ def _bracketed(value_and_slope, low, high, falling):
     for _ in range(80):
         value, slope = value_and_slope(time)
         before = (value > 0) == falling
-        low, high = np.where(before, time, low), np.where(before, high, time)
+        low = np.where(before, time, low)
+        high = np.where(before, high, time)
         better = time - value / np.where(slope == 0, np.inf, slope)
         inside = (better > low) & (better < high)
         better = np.where(inside, better, 0.5 * (low + high))
@@ -191,15 +202,18 @@ def _risen(positive, low, high, at_low, at_high):
     """From when on something monotone is positive, where it becomes so between two times."""
     wanted = (at_low <= 0) & (at_high > 0)
     slope = np.where(wanted, at_high - at_low, 1)
-    guess, near = low - at_low * (high - low) / slope, 1e-14 * high
+    guess = low - at_low * (high - low) / slope
+    near = 1e-14 * high
     for side in (-1, 1):  # of a line it is close already
         there = np.clip(guess + side * near, low, high)
         above = positive(there)
-        low, high = np.where(above, low, there), np.where(above, there, high)
+        low = np.where(above, low, there)
+        high = np.where(above, there, high)
     while (wanted & (high - low > 4e-16 * high)).any():
         middle = 0.5 * (low + high)
         above = positive(middle)
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
+        low = np.where(above, low, middle)
+        high = np.where(above, middle, high)
     return high
 
 
@@ -209,21 +223,30 @@ class _Motion:
     def __init__(self, rocker, ground, settle, rtol, start, landings):
         shapes = (np.shape(v) for v in (rocker.p, rocker.c, *start))
         (size,) = np.broadcast_shapes(ground.edges.shape[:1], *shapes)
-        self.all, self.size, self.ground, self.rtol = rocker, size, ground, rtol
+        self.all = rocker
+        self.size = size
+        self.ground = ground
+        self.rtol = rtol
         self.edges = np.broadcast_to(ground.edges, (size, ground.edges.shape[1]))
         self.motion = np.broadcast_to(np.arange(ground.edges.shape[0]), (size,))
         self.pieces = self.edges.shape[1] - 1
-        self.to_next_peak, self.landings = settle is None, landings
+        self.to_next_peak = settle is None
+        self.landings = landings
         self.settle = np.broadcast_to(np.inf if settle is None else settle, (size,))
         # Since the begin of the piece: what has just been lifted needs all digits.
-        self.time, self.piece = np.zeros(size), np.zeros(size, int)
+        self.time = np.zeros(size)
+        self.piece = np.zeros(size, int)
         alpha, velocity = (np.broadcast_to(np.asarray(v, float), (size,)) for v in start)
         self.side = np.where(np.where(alpha == 0, velocity, alpha) < 0, -1.0, 1.0)
-        self.x, self.v = self.side * alpha, self.side * velocity
+        self.x = self.side * alpha
+        self.v = self.side * velocity
         self.rest = (self.x == 0) & (self.v == 0)
-        self.peak, self.wish = self.x.copy(), np.full(size, np.inf)
-        self.margin, self.overturned = np.full(size, np.nan), np.zeros(size, bool)
-        self.active, self.impacts = np.ones(size, bool), [[] for _ in range(size)]
+        self.peak = self.x.copy()
+        self.wish = np.full(size, np.inf)
+        self.margin = np.full(size, np.nan)
+        self.overturned = np.zeros(size, bool)
+        self.active = np.ones(size, bool)
+        self.impacts = [[] for _ in range(size)]
         self.next_piece()
         onward = self.field(np.arange(size))(self.time, self.x)
         self.rising = np.where((self.x > 0) & (self.v == 0), onward > 0, self.v >= 0)
@@ -238,13 +261,15 @@ class _Motion:
         return tuple(np.where(acts, part, 0.0) for part in found)
 
     def field(self, k):
-        some, side = self.rocker(k), self.side[k]
+        some = self.rocker(k)
+        side = self.side[k]
         return lambda t, x: side * some.acceleration(side * x, side, self.input_of(k, t))
 
     def next_piece(self):
         """Go over what has no length."""
         while True:
-            k, all_of = np.minimum(self.piece, self.pieces - 1), np.arange(self.piece.size)
+            k = np.minimum(self.piece, self.pieces - 1)
+            all_of = np.arange(self.piece.size)
             empty = (self.piece < self.pieces) & (
                 self.edges[all_of, k + 1] <= self.edges[all_of, k]
             )
@@ -267,34 +292,40 @@ class _Motion:
 
     def wait(self, k):
         """At rest: lifted now, or within this piece, or not; of both sides to the stronger one."""
-        stop, begin = self.until(k), self.time[k]
-        when, side, strength = (
-            np.full(k.size, np.inf),
-            np.ones(k.size),
-            np.full(k.size, -np.inf),
-        )
+        stop = self.until(k)
+        begin = self.time[k]
+        when = np.full(k.size, np.inf)
+        side = np.ones(k.size)
+        strength = np.full(k.size, -np.inf)
         for s in (1.0, -1.0):
 
             def excess(t, s=s, some=self.rocker(k)):
                 return some.excess(s, self.input_of(k, t))
 
-            now, later = excess(begin), excess(stop)
+            now = excess(begin)
+            later = excess(stop)
             high = _risen(lambda t: excess(t) > 0, begin, stop, now, later)
             found = np.where(now > 0, begin, np.where(later > 0, high, np.inf))
             first = (found < when) | ((found == when) & (now > strength))
-            side, strength = np.where(first, s, side), np.where(first, now, strength)
+            side = np.where(first, s, side)
+            strength = np.where(first, now, strength)
             when = np.minimum(found, when)
         lifts = when < stop
         self.side[k] = np.where(lifts, side, self.side[k])
         self.time[k] = np.where(lifts, when, 0)
         self.piece[k] += ~lifts
-        self.rest[k], self.rising[k] = ~lifts, True
+        self.rest[k] = ~lifts
+        self.rising[k] = True
         self.wish[k] = np.where(lifts, _FIRST_STEP * (stop - when), np.inf)
 
     def step(self, k):
         """One step, if it is exact enough; else the next one is shorter."""
-        until, some, field = self.until(k), self.rocker(k), self.field(k)
-        time, x, v = self.time[k], self.x[k], self.v[k]
+        until = self.until(k)
+        some = self.rocker(k)
+        field = self.field(k)
+        time = self.time[k]
+        x = self.x[k]
+        v = self.v[k]
         # Over at most one peak or dip, and over no more than a quarter of a small bounce.
         now = field(time, x)
         slowing = (v * now < 0) & (v != 0)
@@ -316,7 +347,9 @@ class _Motion:
 
         Peaks, dips and impacts are sought by taking the step again with another length.
         """
-        time, x, v = self.time[k], self.x[k], self.v[k]
+        time = self.time[k]
+        x = self.x[k]
+        v = self.v[k]
 
         def again(w, length):
             field = self.field(k[w])
@@ -348,12 +381,15 @@ class _Motion:
         # What was lifted and does not rise rests again.
         still = turned & up & (there <= 0)
         self.rest[k] = still
-        self.x[k], self.v[k] = np.where(still, 0, there), speed
+        self.x[k] = np.where(still, 0, there)
+        self.v[k] = speed
         if self.to_next_peak:
             self.active[k[turned & up & (self.piece[k] >= self.pieces)]] = False
         self.land(k[lands])
         falls = k[self.x[k] >= 0.5 * np.pi]
-        self.peak[falls], self.overturned[falls], self.active[falls] = 0.5 * np.pi, True, False
+        self.peak[falls] = 0.5 * np.pi
+        self.overturned[falls] = True
+        self.active[falls] = False
         self.margin[falls] = np.where(np.isnan(self.margin[falls]), -1.0, self.margin[falls])
 
     def land(self, k):
@@ -370,7 +406,8 @@ class _Motion:
         lost = -onward * (1 - some.c)
         settles = (onward < 0) & (2 * speed * some.p <= _NEGLIGIBLE * lost)
         self.v[k] = np.where(settles, 0, speed)
-        self.rest[k], self.rising[k] = settles, True
+        self.rest[k] = settles
+        self.rising[k] = True
         self.wish[k] = np.inf
 
 
@@ -395,7 +432,8 @@ def follow(rocker, ground, settle=None, rtol=1e-12, start=(0.0, 0.0), landings=N
         [np.array([i[n] for i in each]) for each in m.impacts] for n in (0, 1)
     )
     counts = np.array([len(each) for each in m.impacts])
-    rotation, velocity = m.side * m.x, m.side * m.v
+    rotation = m.side * m.x
+    velocity = m.side * m.v
     return Outcome(
         m.peak, m.overturned, counts, rotation, velocity, m.margin, times, velocities
     )
@@ -425,7 +463,8 @@ def _ridgecrest(rng):
     for component, vertical in itertools.product(("east", "north"), (0, 1)):
         some = [case for case in cases if case[3:5] == (component, vertical)]
         b, slenderness, c, scale = np.array([(*case[:3], case[5]) for case in some]).T
-        horizontal, up = samples[0 if component == "east" else 1], samples[2] * vertical
+        horizontal = samples[0 if component == "east" else 1]
+        up = samples[2] * vertical
         # Side by side with an input that is off by its rounding.
         both = np.concatenate([scale, scale * (1 + 1e-12)])
         twice = Rocker(*(np.tile(each, 2) for each in (b, slenderness, c)))
@@ -449,8 +488,10 @@ def _pulses(rng, count=1000):
     """Blocks under short pulses of both signs, where the bounce that follows may be highest."""
     rows = []
     for shape in ("Sine", "Cosine", "Ricker"):
-        b, duration = 10 ** rng.uniform(-1.3, 0.5, count), 10 ** rng.uniform(-3, -0.3, count)
-        slenderness, c = rng.uniform(1, 10, count), rng.uniform(0.3, 0.98, count)
+        b = 10 ** rng.uniform(-1.3, 0.5, count)
+        duration = 10 ** rng.uniform(-3, -0.3, count)
+        slenderness = rng.uniform(1, 10, count)
+        c = rng.uniform(0.3, 0.98, count)
         amplitude = 9.81 / slenderness * 10 ** rng.uniform(0.02, 1, count)
         numbers = [b, slenderness, c, amplitude, duration]
         numbers = np.array([[float(f"{x:.6g}") for x in each] for each in numbers])
@@ -472,8 +513,10 @@ def _barely_lifted(rng, count=40):
     """Blocks under pulses from a ten-thousandth above uplift on, which hardly move."""
     rows = []
     for shape in SHAPES:
-        b, duration = 10 ** rng.uniform(-1.3, 0.5, count), 10 ** rng.uniform(-2.3, 0, count)
-        slenderness, c = rng.uniform(1, 10, count), rng.uniform(0, 0.95, count)
+        b = 10 ** rng.uniform(-1.3, 0.5, count)
+        duration = 10 ** rng.uniform(-2.3, 0, count)
+        slenderness = rng.uniform(1, 10, count)
+        c = rng.uniform(0, 0.95, count)
         amplitude = 9.81 / slenderness * (1 + 10 ** rng.uniform(-4, -0.1, count))
         numbers = np.array([b, slenderness, c, amplitude, duration])
         r = follow(Rocker(b, slenderness, c), pulse(shape, amplitude, duration), rtol=1e-13)

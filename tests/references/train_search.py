@@ -59,13 +59,16 @@ class Exponentials:
         return np.sqrt(np.maximum(q**2 + rotation * (2 - rotation), 0))
 
     def time_left(self, rotation, q):
-        grows, decays = 0.5 * (rotation - 1 + q), 0.5 * (rotation - 1 - q)
+        grows = 0.5 * (rotation - 1 + q)
+        decays = 0.5 * (rotation - 1 - q)
         root = np.sqrt(np.maximum(1 - 4 * grows * decays, 0))
         return np.log((1 + root) / (2 * np.maximum(-grows, 1e-13)))
 
     def later(self, rotation, q, time):
-        grows, decays = 0.5 * (rotation - 1 + q), 0.5 * (rotation - 1 - q)
-        up, down = grows * np.exp(time), decays * np.exp(-time)
+        grows = 0.5 * (rotation - 1 + q)
+        decays = 0.5 * (rotation - 1 - q)
+        up = grows * np.exp(time)
+        down = decays * np.exp(-time)
         return np.maximum(1 + up + down, 0), up - down
 
     def effect(self, rotation):
@@ -76,7 +79,8 @@ class Elliptic:
     """The same in full; the rotation is in radians."""
 
     def __init__(self, angle):
-        self.angle, self.sine = angle, np.sin(angle / 2)
+        self.angle = angle
+        self.sine = np.sin(angle / 2)
 
     def landing(self, rotation, q):
         gained = np.sin(rotation / 2) * np.sin(self.angle - rotation / 2) / self.sine**2
@@ -134,23 +138,32 @@ def played(case, plan, bound, hair=0.0):
 
     No pulse comes earlier than a hair after it may.
     """
-    motion, c, rate = motion_of(case), case.restitution, case.frequency_parameter
+    motion = motion_of(case)
+    c = case.restitution
+    rate = case.frequency_parameter
     spacing = case.spacing * rate
     latest = np.inf if case.latest is None else case.latest * rate
     q = bound * plan.weight[:, 0]
-    rotation, now, side = np.zeros_like(q), np.zeros_like(q), np.ones_like(q)
-    best, times, sides = q.copy(), [now], [side]
+    rotation = np.zeros_like(q)
+    now = np.zeros_like(q)
+    side = np.ones_like(q)
+    best = q.copy()
+    times = [now]
+    sides = [side]
     for k in range(1, case.count):
         x = np.minimum(motion.landing(rotation, q), 1e3)
         x = np.where((q >= 0) & (x >= 1), 1 - 1e-12, x)
-        begin, end = np.zeros_like(x), motion.time_left(rotation, q)
+        begin = np.zeros_like(x)
+        end = motion.time_left(rotation, q)
         wanted = np.zeros(x.shape, int)
-        due, state = np.full_like(x, np.inf), (rotation, q)
+        due = np.full_like(x, np.inf)
+        state = (rotation, q)
         for j in range(_HALF_CYCLES):
             if j:
                 x = np.where(x > 1e-9, c * x, 0)
                 flies = np.minimum(x, 1 - 1e-12)
-                begin, end = end, end + motion.time_left(np.zeros_like(x), flies)
+                begin = end
+                end = end + motion.time_left(np.zeros_like(x), flies)
             open_ = np.isinf(due) & (j >= case.impacts_between) & (end >= spacing)
             chosen = open_ & (wanted == plan.later[:, k])
             wanted += open_
@@ -185,11 +198,15 @@ def needed(case, plan, steps=14):
     Above 1 where it does not overturn with the bound that one pulse needs.
     """
     rate = case.frequency_parameter
-    low, high = np.full(len(plan.part), 1e-3), np.ones(len(plan.part))
-    at_low, (at_high, times, _) = played(case, plan, low)[0], played(case, plan, high)
-    at_low, at_high = np.log(np.maximum(at_low, 1e-9)), np.log(np.maximum(at_high, 1e-9))
+    low = np.full(len(plan.part), 1e-3)
+    high = np.ones(len(plan.part))
+    at_low = played(case, plan, low)[0]
+    at_high, times, _ = played(case, plan, high)
+    at_low = np.log(np.maximum(at_low, 1e-9))
+    at_high = np.log(np.maximum(at_high, 1e-9))
     never = at_high < 0
-    end, kept = times[:, -1], at_high.copy()
+    end = times[:, -1]
+    kept = at_high.copy()
     for step in range(steps):
         share = np.clip(at_low / np.where(at_low == at_high, 1, at_low - at_high), 0.01, 0.99)
         share = 0.5 if step % 5 == 4 else share
@@ -198,11 +215,10 @@ def needed(case, plan, steps=14):
         found = np.log(np.maximum(found, 1e-9))
         over = found >= 0
         # Illinois: an end that stays counts half the next time.
-        at_low, at_high = (
-            np.where(over, 0.5 * at_low, found),
-            np.where(over, found, 0.5 * at_high),
-        )
-        low, high = np.where(over, low, middle), np.where(over, middle, high)
+        at_low = np.where(over, 0.5 * at_low, found)
+        at_high = np.where(over, found, 0.5 * at_high)
+        low = np.where(over, low, middle)
+        high = np.where(over, middle, high)
         end = np.where(over, times[:, -1], end)
     late = 0.0 if case.latest is None else np.maximum(end - case.latest * rate, 0)
     return np.where(never, 1 - kept, high), np.where(never, 1.0, late)
@@ -263,12 +279,14 @@ def best_of(case, seeds=(0, 1)):
     """The best of some runs; to overturn whoever follows it, the train is a hair stronger."""
     reached, plan = min((search(case, seed) for seed in seeds), key=lambda each: each[0])
     if case.goal == "most rotation":
-        bound, reached = case.largest / case.unit, -reached
+        bound = case.largest / case.unit
+        reached = -reached
     else:
         bound = needed(case, plan, 60)[0][0]
         weights = abs(plan.weight[0])
         total = weights.sum() if "total" in case.goal else weights.max()
-        reached, bound = bound * total * case.unit, bound * (1 + _RAISED)
+        reached = bound * total * case.unit
+        bound = bound * (1 + _RAISED)
     times, intensities = train_of(case, plan, bound)
     return Found(float(reached), times.tolist(), intensities.tolist())
 
@@ -301,7 +319,8 @@ def scattered():
     rng = np.random.default_rng(7)
     for index in range(13):
         model = ("Linearized", "Linearized", "Nonlinear")[index % 3]
-        slenderness, c = (2.0, 4.0, 1.2)[index % 3], (0.5, 0.7, 0.8, 0.9, 0.97)[index % 5]
+        slenderness = (2.0, 4.0, 1.2)[index % 3]
+        c = (0.5, 0.7, 0.8, 0.9, 0.97)[index % 5]
         case = Case(0.4, slenderness, c, (2, 3, 3, 4)[index % 4], model)
         gap = (case.count - 1) / case.frequency_parameter
         limits = [

@@ -18,7 +18,9 @@ import jaxrock as jr
 
 MODELS = {"Linearized": jr.Linearized(), "Nonlinear": jr.Nonlinear()}
 GRAVITY = 9.81
-NUMBER, SEED = 100, 20150403  # of the samples that are frozen
+# of the samples that are frozen
+NUMBER = 100
+SEED = 20150403
 
 
 class Samples(NamedTuple):
@@ -49,7 +51,8 @@ def _round(dtype, *arrays):
 
 
 def _blocks(rng, n, dtype):
-    slenderness, width = _log_uniform(rng, 0.1, 1e4, n), _log_uniform(rng, 1e-4, 1e3, n)
+    slenderness = _log_uniform(rng, 0.1, 1e4, n)
+    width = _log_uniform(rng, 1e-4, 1e3, n)
     return _round(dtype, width, slenderness, np.full(n, GRAVITY))
 
 
@@ -81,7 +84,8 @@ def with_restitution(rng, n, dtype):
 
 
 def scenes_anywhere(rng, n, dtype):
-    blocks, intensity = _blocks(rng, n, dtype), _log_uniform(rng, 1e-12, 1e2, n)
+    blocks = _blocks(rng, n, dtype)
+    intensity = _log_uniform(rng, 1e-12, 1e2, n)
     arguments = (*blocks, _restitutions(rng, n, dtype), *_round(dtype, intensity))
     return Samples(arguments, np.zeros(n))
 
@@ -90,7 +94,8 @@ def on_the_verge(kind, count):
     """Of overturning in so many half-cycles, anywhere in the box of the blocks."""
 
     def sample(rng, n, dtype):
-        blocks, restitution = _blocks(rng, n, dtype), _restitutions(rng, n, dtype)
+        blocks = _blocks(rng, n, dtype)
+        restitution = _restitutions(rng, n, dtype)
         theirs = getattr(closed_forms, kind)
         intensity = [
             float(closed_forms.critical_intensity(theirs, *_exact(each), count))
@@ -105,7 +110,8 @@ def on_the_verge(kind, count):
 
 def with_velocity(kind):
     def sample(rng, n, dtype):
-        blocks, x = _blocks(rng, n, dtype), _speed_ratios(rng, n, dtype)
+        blocks = _blocks(rng, n, dtype)
+        x = _speed_ratios(rng, n, dtype)
         velocity = x * _critical_velocity(kind, blocks)
         return Samples((*blocks, *_round(dtype, velocity)), x)
 
@@ -123,7 +129,8 @@ def with_growth(kind):
 
 def standing_scenes(kind):
     def sample(rng, n, dtype):
-        blocks, x = _blocks(rng, n, dtype), _speed_ratios(rng, n, dtype)
+        blocks = _blocks(rng, n, dtype)
+        x = _speed_ratios(rng, n, dtype)
         restitution = _restitutions(rng, n, dtype)
         width, slenderness, _ = blocks
         unit = 0.75 * slenderness / (width * (1 + slenderness**2))
@@ -137,7 +144,8 @@ def with_critical_restitution(kind, count):
     """Where there is a restitution that just overturns the block."""
 
     def sample(rng, n, dtype):
-        blocks, x = _blocks(rng, n, dtype), rng.uniform(0.01, 0.99, n)
+        blocks = _blocks(rng, n, dtype)
+        x = rng.uniform(0.01, 0.99, n)
         width, slenderness, _ = blocks
         least = 0 if count == mp.inf else 1 / count
         share = least + (1 - least) * x
@@ -171,8 +179,10 @@ def in_motion(kind):
 
 
 def oscillators(rng, n, dtype):
-    omega, damping = _log_uniform(rng, 0.1, 1e3, n), _log_uniform(rng, 1e-8, 0.99, n)
-    velocity, time = _log_uniform(rng, 1e-6, 10, n), rng.uniform(0.05, 0.9, n) * np.pi / omega
+    omega = _log_uniform(rng, 0.1, 1e3, n)
+    damping = _log_uniform(rng, 1e-8, 0.99, n)
+    velocity = _log_uniform(rng, 1e-6, 10, n)
+    time = rng.uniform(0.05, 0.9, n) * np.pi / omega
     return Samples(_round(dtype, omega, damping, velocity, time), np.zeros(n))
 
 

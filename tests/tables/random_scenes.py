@@ -15,10 +15,8 @@ NUMBER = 2000  # one number, since each takes seconds to compile
 def scenes(seed, number, stocky=1.0):
     """Scenes of any kind, some on the verge of overturning, some over it."""
     rng = np.random.default_rng(seed)
-    slenderness, half_width = (
-        10 ** rng.uniform(0, 2.5, number),
-        10 ** rng.uniform(-2, 0.5, number),
-    )
+    slenderness = 10 ** rng.uniform(0, 2.5, number)
+    half_width = 10 ** rng.uniform(-2, 0.5, number)
     near_one = 1 - 10 ** rng.uniform(-4, -1, number)
     restitution = np.where(rng.random(number) < 0.8, rng.uniform(0, 0.95, number), near_one)
     x = np.where(rng.random(number) < 0.8, rng.uniform(0.001, 1.2, number), near_one)
@@ -29,8 +27,10 @@ def scenes(seed, number, stocky=1.0):
 
 def apart(found, truth):
     """Relative error: 0 where neither exists, inf where one does."""
-    found, truth = np.asarray(found, float), np.asarray(truth, float)
-    here, there = np.isfinite(found), np.isfinite(truth)
+    found = np.asarray(found, float)
+    truth = np.asarray(truth, float)
+    here = np.isfinite(found)
+    there = np.isfinite(truth)
     with np.errstate(all="ignore"):
         error = np.where(found == truth, 0, np.abs(found / truth - 1))
     return np.where(here & there, error, np.where(here == there, 0, np.inf))
@@ -64,7 +64,8 @@ def lasting_scenes(seed, number, shape):
     verge = lasting.critical_velocity(slenderness)
     velocity = np.where(over, 1, x) * verge
     # As it is for instantaneous pulses.
-    tangent, cosine = 1 / slenderness, 1 / np.hypot(1, 1 / slenderness)
+    tangent = 1 / slenderness
+    cosine = 1 / np.hypot(1, 1 / slenderness)
     duration = strength * (1 - restitution) * velocity / (cosine * tangent)
     found, critical = (
         lasting.steady(slenderness, restitution, v, duration, shape) for v in (velocity, verge)

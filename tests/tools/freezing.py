@@ -77,10 +77,12 @@ def _corner(name, precision, corner):
 def _in_corner(asked, name, precision, corner):
     of_value, of_slopes = DIGITS[precision]
     exact = corners.expected(corners.FUNCTIONS[name], corner, corners.PRECISIONS[precision])
-    gradient, hessian = exact.gradient, exact.hessian
+    gradient = exact.gradient
+    hessian = exact.hessian
     if gradient:
         # The half of the Hessian that says all; 0 what is less than the differences can tell.
-        least, scale = 10**9 * corners.STEP * abs(exact.value), corners.scales(asked)
+        least = 10**9 * corners.STEP * abs(exact.value)
+        scale = corners.scales(asked)
         pairs = [(i, j) for i in range(5) for j in range(i + 1)]
         gradient = [
             0 if abs(g * s) < least else g for g, s in zip(gradient, scale, strict=True)

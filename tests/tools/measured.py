@@ -30,8 +30,10 @@ from tables.closed_form_cases import CASES, evaluate
 import jaxrock as jr
 
 PAGE = TESTS.parent / "docs" / "speed_and_accuracy.md"
-BEGIN, END = "<!-- measured: begin -->\n", "<!-- measured: end -->\n"
-SEED, SAMPLES = 7, 20
+BEGIN = "<!-- measured: begin -->\n"
+END = "<!-- measured: end -->\n"
+SEED = 7
+SAMPLES = 20
 STILL = jr.Rectangular(0.0, 1.0)
 
 
@@ -56,7 +58,8 @@ def _exact(case, samples):
 
 def values(dtype):
     """Units in the last place over 1 + condition number, the worst of all closed forms."""
-    eps, worst = float(np.finfo(dtype).eps), 0.0
+    eps = float(np.finfo(dtype).eps)
+    worst = 0.0
     for case in CASES.values():
         samples = case.sample(np.random.default_rng(SEED), SAMPLES, dtype)
         ours = evaluate(case, samples, dtype)
@@ -102,7 +105,8 @@ def paper():
 
 def impacts():
     """The worst relative error of the times of 20 impacts of free rocking."""
-    block, c = jr.Block(0.4, 5.0), 0.9
+    block = jr.Block(0.4, 5.0)
+    c = 0.9
     model = jr.Nonlinear()
     launch = 0.9 * model.critical_velocity(block)
     times = np.cumsum(model.half_cycle_duration(block, launch * c ** jnp.arange(20)))
@@ -112,7 +116,9 @@ def impacts():
 
 def scipy():
     """Peak and margin after several impacts against SciPy with events."""
-    block, c, ricker = jr.Block(0.25, 5.0), 0.85, jr.Ricker(3.2, 0.7)
+    block = jr.Block(0.25, 5.0)
+    c = 0.85
+    ricker = jr.Ricker(3.2, 0.7)
     ours = jr.respond(block, c, ricker, 4.0, rtol=1e-11)
     theirs = follow(Rocker(0.25, 5.0, c), pulse("Ricker", 3.2, 0.7), 1.2)
     apart = (ours.peak_rotation / theirs.peak[0] - 1, ours.margin / theirs.margin[0] - 1)

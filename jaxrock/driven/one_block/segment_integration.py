@@ -193,7 +193,8 @@ def _advance(
     advances = step.accepted & ~repeats
     found = jnp.array(False)
     reached = jnp.array(False)
-    end, last = before.step_end, step.y
+    end = before.step_end
+    last = step.y
     if event_functions is not None:
         # Which event it is has no derivative. Over all of a step more than one function may
         # have changed its sign: the first repetition, which ends within the bracket of the
