@@ -58,7 +58,8 @@ def checked(folder, *arguments):
 
 def test_well_formed(folder):
     assert sorted(path.name for path in folder.iterdir()) == sorted(conformance.FILES)
-    table, cases = whole(folder), cases_in(folder)
+    table = whole(folder)
+    cases = cases_in(folder)
     assert table["version"] == jr.__version__
     ids = [case["id"] for case in cases]
     assert len(set(ids)) == len(ids)
@@ -167,10 +168,8 @@ def test_published_cases(folder):
         ]
     for name in ("double-impulse", "double-impulse-housner"):
         case = cases[name]
-        angle, radius = (
-            math.atan(1 / case["slenderness"]),
-            case["half_width"] * math.hypot(1, case["slenderness"]),
-        )
+        angle = math.atan(1 / case["slenderness"])
+        radius = case["half_width"] * math.hypot(1, case["slenderness"])
         root = math.sqrt(4 * case["gravity"] * radius / 3)
         expected = (
             2 * math.sin(angle / 2) * root / (math.cos(angle) * (1 + case["restitution"]))

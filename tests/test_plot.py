@@ -456,7 +456,8 @@ def test_a_block_that_falls_stays_in_the_picture(slenderness):
     block = jr.Block(0.4, slenderness)
     for rotation in np.linspace(-np.pi / 2, np.pi / 2, 11):
         ax = plot_block(block, float(rotation))
-        (x0, x1), (y0, y1) = ax.get_xlim(), ax.get_ylim()
+        x0, x1 = ax.get_xlim()
+        y0, y1 = ax.get_ylim()
         x, y = outline_of(ax).T
         assert x0 < x.min() <= x.max() < x1
         assert y0 < y.min() <= y.max() < y1

@@ -190,11 +190,13 @@ def _choose_levels(block: Block, measure: str) -> np.ndarray:
     uplift = block.gravity / block.slenderness
     if measure.startswith("pga"):
         unit = 1.0 if measure == "pga_ratio" else uplift
-        low, high = (0.5, 8.0)
+        low = 0.5
+        high = 8.0
     else:
         # Velocities scale with 1 / p: it takes a faster ground to overturn a larger block.
         unit = 1.0 if measure == "pgv_ratio" else uplift / block.frequency_parameter
-        low, high = (0.1, 3.0)
+        low = 0.1
+        high = 3.0
     smallest = np.min(unit)
     return smallest * np.geomspace(low, high * np.max(unit) / smallest, 25)
 

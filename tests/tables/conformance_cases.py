@@ -58,7 +58,11 @@ _FIELD_UNITS = {"half_width": "m", "amplitude": "m/s2", "duration": "s", "intens
 _MODELS: dict[str, RockingModel] = {"linearized": Linearized(), "nonlinear": Nonlinear()}
 
 # What a good program in double precision should reach.
-_CLOSED, _EXACT_SLOPE, _PULSE, _RECORD, _SLOPE = 1e-9, 1e-6, 1e-6, 1e-4, 1e-4
+_CLOSED = 1e-9
+_EXACT_SLOPE = 1e-6
+_PULSE = 1e-6
+_RECORD = 1e-4
+_SLOPE = 1e-4
 
 HOUSNER = "Housner 1963, Bull. Seismol. Soc. Am. 53(2), 403-417"
 MAKRIS = "Makris and Roussos 2000, Geotechnique 50(3)"
@@ -85,7 +89,8 @@ def cases(parts: Sequence[Callable[[Motions], Iterator[Row]]] | None = None) -> 
 def _row(
     name: str, kind: str, quantity: str, what: str, block: Block, value: Any, **fields: Any
 ) -> Row:
-    unit, variable = _UNITS.get(quantity, "-"), fields.get("variable")
+    unit = _UNITS.get(quantity, "-")
+    variable = fields.get("variable")
     if variable in _FIELD_UNITS:
         unit = f"{unit.replace('-', '1')} / ({_FIELD_UNITS[variable]})"
     known: Row = {
@@ -108,7 +113,9 @@ def _row(
 
 
 # Half-width and slenderness: a slender block, one of usual shape, a stocky and a small one.
-_SLENDER, _WALL, _STOCKY = (0.25, 8.0), (0.4, 5.0), (0.3, 1.5)
+_SLENDER = (0.25, 8.0)
+_WALL = (0.4, 5.0)
+_STOCKY = (0.3, 1.5)
 _SLIM = (0.1, 5.0)
 
 
@@ -194,7 +201,9 @@ def _free_rocking(_: Motions) -> Iterator[Row]:
 
 
 def _decay() -> Iterator[Row]:
-    kind, block, c = "free rocking", Block(0.3, 8.0), math.sqrt(0.7)
+    kind = "free rocking"
+    block = Block(0.3, 8.0)
+    c = math.sqrt(0.7)
     for equation, number in (("linearized", 2), ("linearized", 7), ("nonlinear", 4)):
         model = _MODELS[equation]
         start = float(0.8 * block.critical_angle)
@@ -238,7 +247,8 @@ def _decay() -> Iterator[Row]:
 
 def _arrival(block: Block, rotation: float, equation: str) -> float:
     """Speed with which a block released from a rotation meets the ground [rad/s]."""
-    p, angle = float(block.frequency_parameter), float(block.critical_angle)
+    p = float(block.frequency_parameter)
+    angle = float(block.critical_angle)
     if equation == "linearized":
         return p * math.sqrt(rotation * (2 * angle - rotation))
     return 2 * p * math.sqrt(math.sin(rotation / 2) * math.sin(angle - rotation / 2))
@@ -260,7 +270,8 @@ def _thresholds(_: Motions) -> Iterator[Row]:
             model=equation,
             source=formula,
         )
-    block, c = Block(0.3, 6.0), 0.9
+    block = Block(0.3, 6.0)
+    c = 0.9
     p = float(block.frequency_parameter)
     for p_duration in (0.5, 1.0, 2.0):
         (row,) = _amplitudes(
@@ -273,7 +284,8 @@ def _thresholds(_: Motions) -> Iterator[Row]:
         value = 9.81 * float(block.critical_angle) / -math.expm1(-p_duration)
         exact = {"from": "closed form", "source": source, "relative": 1e-8}
         yield row | exact | {"value": value, "difference": None}
-    block, c = Block(0.2, 3.0), float(housner_restitution(Block(0.2, 3.0)))
+    block = Block(0.2, 3.0)
+    c = float(housner_restitution(Block(0.2, 3.0)))
     growing = (
         f"{MAKRIS}, Eq. 27: (w/p) sin(psi) - cos(psi) = exp(-(p/w) (pi - psi)), a_p = g alpha_c "
         "/ sin(psi), w = pi / T"
@@ -305,7 +317,8 @@ def _thresholds(_: Motions) -> Iterator[Row]:
 
 def _windows(_: Motions) -> Iterator[Row]:
     kind = "survival window"
-    angle, p = 0.25, 2.14
+    angle = 0.25
+    p = 2.14
     block = Block(0.75 * 9.81 / p**2 * math.sin(angle), 1 / math.tan(angle))
     edges = [
         "Smallest amplitude of a one-sine pulse that overturns the block, after one impact.",
@@ -393,7 +406,8 @@ def _amplitudes(
     values = np.asarray(found.value).tolist()
     marks = [unit * ratios[0], *values, unit * ratios[1]]
     between = [0.5 * (a + b) for a, b in itertools.pairwise(marks)]
-    between[0], between[-1] = marks[0], marks[-1]
+    between[0] = marks[0]
+    between[-1] = marks[-1]
     rows = []
     for k, sentence in enumerate(what):
         near = values[k] * _AROUND
@@ -425,7 +439,8 @@ def _amplitudes(
 
 def _zero(places: np.ndarray, margins: Any) -> float:
     """Where the secant through two margins is 0."""
-    (low, high), (at_low, at_high) = places.tolist(), np.asarray(margins).tolist()
+    low, high = places.tolist()
+    at_low, at_high = np.asarray(margins).tolist()
     return low - at_low * (high - low) / (at_high - at_low)
 
 
@@ -542,11 +557,10 @@ def _published_tables(_: Motions) -> Iterator[Row]:
         (peaks, "half_cycle_peak_rotation", 0.4, 3.0),
         (durations, "half_cycle_duration", 1.2, 10.0),
     ):
-        i, j = (
-            table["rows"].index(f"2b = {width} m"),
-            table["columns"].index(f"lambda = {slenderness:g}"),
-        )
-        printed, numeral = table["printed"][i][j], table["table"]
+        i = table["rows"].index(f"2b = {width} m")
+        j = table["columns"].index(f"lambda = {slenderness:g}")
+        printed = table["printed"][i][j]
+        numeral = table["table"]
         yield _row(
             f"table-{numeral}-{width:g}-{slenderness:g}",
             "half-cycle map",
@@ -602,7 +616,8 @@ def _driven(
     start: tuple[float, float] | None = None,
 ) -> Iterator[Row]:
     """Rows for what is wanted of one driven motion, by both integrators."""
-    model, record = _MODELS[equation], isinstance(motion, Record)
+    model = _MODELS[equation]
+    record = isinstance(motion, Record)
     given: Any = {"rotation": start[0], "velocity": start[1]} if start else {}
     adaptive = respond(
         block, c, motion, time, rtol=1e-11, model=model, max_impacts=256, **given
@@ -648,7 +663,9 @@ def _driven(
 
 
 def _under_pulses(motions: Motions) -> Iterator[Row]:
-    kind, block, sampled = "pulse", Block(0.25, 5.0), motions["sampled_pulse.csv"]
+    kind = "pulse"
+    block = Block(0.25, 5.0)
+    sampled = motions["sampled_pulse.csv"]
     yield from _driven(
         "half-sine",
         kind,
@@ -737,7 +754,8 @@ def _under_records(motions: Motions) -> Iterator[Row]:
         ("east-and-up-2", east, peak, 0.296, 3.05, 0.8544, 2.73),
         ("piece", piece, peak | margin, 0.2, 5.0, 0.6, 1.0),
     ):
-        block, motion = Block(half_width, slenderness), motions[file].scaled(scale)
+        block = Block(half_width, slenderness)
+        motion = motions[file].scaled(scale)
         yield from _driven(
             name, kind, wanted, block, c, "file", motion, float(motion.end), file=file
         )
@@ -807,7 +825,8 @@ def _driven_derivatives(motions: Motions) -> Iterator[Row]:
     def under_wavelet(
         half_width: Any, slenderness: Any, restitution: Any, amplitude: Any
     ) -> Any:
-        block, pulse = Block(half_width, slenderness), Ricker(amplitude, 0.7)
+        block = Block(half_width, slenderness)
+        pulse = Ricker(amplitude, 0.7)
         return respond_batch(block, restitution, pulse, end).peak_rotation
 
     yield from _slopes(
