@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import xarray
 from benchmarks import first_calls
+from jaxrock.cli.commands import COMMANDS
+from jaxrock.cli.study import Run
 from tools.drawn_pages import FOLDER, NAMES, draw_pictures, find_difference
 
 import jaxrock as jr
-from jaxrock.cli.commands import COMMANDS
-from jaxrock.cli.study import Run
 from jaxrock.reports import paper
 
 ROOT = Path(__file__).parent.parent

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 import xarray
-
-from jaxrock.cli import main
-from jaxrock.cli import study as study_file
 from jaxrock.cli.command import Answer
 from jaxrock.cli.commands import Critical, RockingSpectrum
 from jaxrock.cli.study import Run, _make_job
+
+from jaxrock.cli import main
+from jaxrock.cli import study as study_file
 from jaxrock.tables import text as text_files
 
 pytestmark = pytest.mark.float64
