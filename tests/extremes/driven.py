@@ -89,8 +89,7 @@ def _cases(excess):
     yield "pushed with 1e6 m/s2", _followed(Case(amplitude=1e6, duration=4e-7))
     yield "just lifted", _followed(Case(amplitude=9.81 / 5 * (1 + excess), duration=0.3))
     yield "for an hour", _followed(_launched(restitution=1.0), 3600.0)
-    needed = 9.81 / 5
-    hour = {"duration": 3600.0, "followed": 3600.0}
+    needed, hour = 9.81 / 5, {"duration": 3600.0, "followed": 3600.0}
     yield (
         "not quite lifted in an hour",
         Case(amplitude=needed * (1 - excess), fate="rests", **hour),
@@ -125,8 +124,7 @@ class Flight(NamedTuple):
 def flight(numbers) -> Flight:
     b, slenderness, gravity, restitution, _, duration, _ = numbers
     block = b, slenderness, gravity
-    angle = closed_forms.critical_angle(slenderness)
-    p = closed_forms.frequency(*block)
+    angle, p = closed_forms.critical_angle(slenderness), closed_forms.frequency(*block)
     critical = closed_forms.Nonlinear.critical_velocity(*block)
     rotation, velocity = state(*numbers)
     launch = mp.sqrt(velocity**2 + 2 * p**2 * (mp.cos(angle - rotation) - mp.cos(angle)))
@@ -142,9 +140,7 @@ def flight(numbers) -> Flight:
 
 def closed_form(case: Case, numbers) -> list:
     """All answers at numbers near those of the case."""
-    model = closed_forms.Nonlinear
-    block = numbers[:3]
-    restitution = numbers[3]
+    model, block, restitution = closed_forms.Nonlinear, numbers[:3], numbers[3]
     launch, landing, margin = flight(numbers)
     rotation = mp.mpf(0)
     if case.restitution > 0:
@@ -246,20 +242,13 @@ def adaptive(numbers, followed):
 
 
 def batch(numbers, followed):
-    b, slenderness, gravity, restitution, amplitude, duration, _ = numbers
-    block = jr.Block(b, slenderness, gravity)
-    push = jr.Rectangular(amplitude, duration)
-    found = jr.respond_batch(block, restitution, push, followed)
+    b, slenderness, gravity, restitution, amplitude, duration, velocity = numbers
+    block, push = jr.Block(b, slenderness, gravity), jr.Rectangular(amplitude, duration)
+    found = jr.respond_batch(block, restitution, push, followed, velocity=velocity)
     return jnp.stack([found.peak_rotation, found.margin, found.final_rotation])
 
 
 SOLVERS = {"respond": (adaptive, ANSWERS), "respond_batch": (batch, OF_BATCH)}
-
-
-def names_for(solver: str) -> list[str]:
-    """`respond_batch` knows no launch."""
-    cases = CASES["float64"].items()
-    return [name for name, case in cases if solver == "respond" or not case.velocity]
 
 
 def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[str, str], str]:
@@ -269,18 +258,15 @@ def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[s
     kept = [ANSWERS.index(name) for name in names]
     compiled = jax.jit(_with_derivatives(run, hessian))
     failed = {}
-    for name in names_for(solver):
-        case = CASES[precision][name]
-        numbers = jnp.asarray(case.numbers, dtype)
-        followed = jnp.asarray(case.followed, dtype)
+    for name, case in CASES[precision].items():
+        numbers, followed = jnp.asarray(case.numbers, dtype), jnp.asarray(case.followed, dtype)
         given = Case(*map(float, numbers), float(followed), case.impacts)
         found = [np.asarray(part) for part in compiled(numbers, followed)]
         if case.fate:
             failed |= _not_its_fate(name, case.fate, names, found)
             continue
         exact = expected(given, hessian)
-        # A batch knows no launch.
-        scale = scales(given)[: 7 if solver == "respond" else 6]
+        scale = scales(given)
         for k, which in enumerate(kept):
             errors = _errors(exact, which, [part[k] for part in found], scale)
             for what, error in errors.items():
