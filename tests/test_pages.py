@@ -160,7 +160,14 @@ def test_inverse_design(capsys):
 
 def test_all_code_is_run_by_a_test():
     tested = {"README", "getting_started", "records", "paper", "sharp_edges", "calibration"}
-    tested |= {"suites", "driven_motion", "concepts", "sensitivities", "many_devices"}
+    tested |= {
+        "suites",
+        "driven_motion",
+        "concepts",
+        "sensitivities",
+        "many_devices",
+        "conformance",
+    }
     assert {page for page in TEXTS if code(page)} == tested
 
 
