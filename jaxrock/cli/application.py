@@ -1,6 +1,6 @@
 """The application: all commands, and how one of them is run.
 
-A new command is a function in a file of this room and a line in `_COMMANDS`.
+A new command is a function in a file of this room and a line in `COMMANDS`.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ from .tradeoff import tradeoff
 
 # In the order in which help lists them. The name of a command is the one of its function, with
 # dashes; its options are the parameters, its help is the docstring.
-_COMMANDS = (
+COMMANDS = (
     assess,
     spectrum,
     respond,
@@ -61,7 +61,7 @@ def make_application() -> App:
         ),
         help_format="markdown",
     )
-    for command in _COMMANDS:
+    for command in COMMANDS:
         application.command(command)
     application.register_install_completion_command()
     return application

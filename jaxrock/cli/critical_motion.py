@@ -73,9 +73,11 @@ def plan_search(
         if options.pulse is None:
             raise ValueError(f"along {along} goes with a pulse; a record has a factor")
         if getattr(options, name) is not None:
-            raise ValueError(f"{name} is sought: it must not be given")
+            raise ValueError(
+                f"{name} is sought and must not be given, got {getattr(options, name):g}"
+            )
         if along == "amplitude":
-            refuse("amplitudes that are not sought", scale=options.scale)
+            refuse("an amplitude that is given", scale=options.scale)
         # A pulse needs a value of the quantity sought, which the search replaces: 1 stands in.
         options = replace(options, **{name: 1.0})
     motion = options.read()

@@ -104,7 +104,8 @@ def ask_driven(
 def _read_suite(options: MotionOptions, records: str) -> Suite:
     """Read the records of a folder, or take those of a name."""
     if options.given:
-        raise ValueError("pulse, record or records must be given, one of the three")
+        motion = options.pulse or options.record
+        raise ValueError(f"records exclude a pulse and a record, got {records} and {motion}")
     of_motion = ("amplitude", "pulse_duration", "column", "vertical")
     refuse("one motion", **{name: getattr(options, name) for name in of_motion})
     return read_records(records, options.unit, options.time_step)

@@ -129,11 +129,12 @@ def _make_block(
     inertia_ratio: float | None,
 ) -> Block:
     """Make the block, of a width and one of height and slenderness."""
-    if (height is None) == (slenderness is None):
-        raise ValueError("height or slenderness must be given with a width, one of the two")
     if height is not None:
-        slenderness = divide_sides(width, height, None)
-    assert slenderness is not None
+        slenderness = divide_sides(width, height, slenderness)
+    if slenderness is None:
+        raise ValueError(
+            f"height or slenderness must be given with a width, got a width of {width:g} only"
+        )
     return make_block(
         width,
         slenderness,

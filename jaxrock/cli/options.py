@@ -76,7 +76,9 @@ def refuse(only_with: str, **options: object) -> None:
     """Raise `ValueError` if one of these options is given, since it would be ignored."""
     for name, value in options.items():
         if value is not None:
-            raise ValueError(f"{name} goes with {only_with} only")
+            items = value if isinstance(value, tuple) else (value,)
+            words = [f"{item:g}" if isinstance(item, float) else str(item) for item in items]
+            raise ValueError(f"{name} goes with {only_with} only, got {' '.join(words)}")
 
 
 @_OF_OUTPUT
@@ -138,7 +140,9 @@ class BlockOptions:
 def divide_sides(width: float, height: float, slenderness: float | None) -> float:
     """Return the slenderness of a block with these sides; it must not be given as well."""
     if slenderness is not None:
-        raise ValueError("height and slenderness exclude each other, got both")
+        raise ValueError(
+            f"height and slenderness exclude each other, got {height:g} and {slenderness:g}"
+        )
     check("width", width, POSITIVE)
     check("height", height, POSITIVE)
     return height / width
@@ -239,8 +243,12 @@ class MotionOptions(RecordOptions):
 
     def read_unscaled(self, default: str | None = None) -> Motion:
         """Make the pulse, or read the record, without the factor."""
-        if (self.pulse is None) == (self.record is None):
-            raise ValueError("pulse or record must be given, one of the two")
+        if self.pulse is None and self.record is None:
+            raise ValueError("pulse or record must be given, got neither")
+        if self.pulse is not None and self.record is not None:
+            raise ValueError(
+                f"pulse and record exclude each other, got {self.pulse} and {self.record}"
+            )
         if self.pulse is None:
             of_pulse = ("amplitude", "pulse_duration")
             refuse("a pulse", **{name: getattr(self, name) for name in of_pulse})
@@ -287,8 +295,9 @@ class SuiteOptions:
         if self.hazard_site is not None:
             site = tuple(read_numbers("hazard_site", self.hazard_site))
             if len(site) != 2:
+                words = " ".join(f"{value:g}" for value in site)
                 raise ValueError(
-                    f"hazard_site must be a longitude and a latitude, got {len(site)} numbers"
+                    f"hazard_site must be a longitude and a latitude, got {words}"
                 )
         return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure, site=site)
 
@@ -338,7 +347,10 @@ class StoreOptions:
             refuse("a store", workers=self.workers)
             return False
         if out is not None or force:
-            raise ValueError("out and force go without a store only, which is not overwritten")
+            raise ValueError(
+                "out and force exclude a store, which is continued and not overwritten, got"
+                f" {self.store}"
+            )
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"workers must be at least 1, got {self.workers}")
         return True

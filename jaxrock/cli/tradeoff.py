@@ -41,7 +41,7 @@ def tradeoff(
     if motion_options.given:
         motion = motion_options.read()
         if intensity is not None:
-            raise ValueError("intensity excludes a pulse or a record")
+            raise ValueError(f"intensity excludes a pulse or a record, got {intensity:g}")
     else:
         motion_options.refuse_all("a pulse or a record")
     scene = Scene(block, c, intensity) if intensity is not None else None
