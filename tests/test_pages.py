@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -13,11 +14,12 @@ import numpy as np
 import pytest
 import xarray
 from benchmarks import first_calls
-from jaxrock.cli.commands import COMMANDS
-from jaxrock.cli.study import Run
+from tools import examples
+from tools.command import run as run_command
 from tools.drawn_pages import FOLDER, NAMES, draw_pictures, find_difference
 
 import jaxrock as jr
+from jaxrock.cli import application
 from jaxrock.reports import paper
 
 ROOT = Path(__file__).parent.parent
@@ -67,6 +69,7 @@ def compared(code, namespace):
         pytest.param("getting_started", 9, marks=pytest.mark.thorough),
         ("records", 0),
         ("paper", 4),
+        ("conformance", 0),
         pytest.param("sharp_edges", 15, marks=pytest.mark.thorough),
     ],
 )
@@ -160,29 +163,74 @@ def test_inverse_design(capsys):
 
 def test_all_code_is_run_by_a_test():
     tested = {"README", "getting_started", "records", "paper", "sharp_edges", "calibration"}
-    tested |= {
-        "suites",
-        "driven_motion",
-        "concepts",
-        "sensitivities",
-        "many_devices",
-        "conformance",
-    }
+    tested |= {"suites", "driven_motion", "concepts", "sensitivities", "many_devices"}
+    tested |= {"architecture", "conformance"}
     assert {page for page in TEXTS if code(page)} == tested
 
 
-def test_the_study_passes_its_check(tmp_path):
-    study = re.search(r"```toml\n(.*?)```", TEXTS["commands"], re.DOTALL)[1]
-    path = tmp_path / "study.toml"
-    path.write_text(study, encoding="utf-8")
-    jobs = Run(study=path).jobs.values()
-    assert [job.width for job in jobs] == [0.4, 0.4]
-    assert [type(job.motion) for job in jobs] == [jr.Record, jr.HalfSine]
+def list_command_names():
+    """List the names of all commands, as they are typed."""
+    return [command.__name__.replace("_", "-") for command in application.COMMANDS]
+
+
+def expand_script(script):
+    """List the command lines of a script, as the shell passes them on."""
+    printing = 'jaxrock() { echo "jaxrock $*"; }\n'
+    done = subprocess.run(
+        ["sh", "-c", printing + script], capture_output=True, text=True, check=True
+    )
+    return done.stdout.splitlines()
+
+
+def test_every_command_line_is_understood():
+    """In blocks, in sentences and in help; `tests/tools/examples.py` runs those of blocks."""
+    lines = examples.list_help_examples()
+    for text in TEXTS.values():
+        for example in examples.list_page_examples(text):
+            script = example.startswith("#!")
+            lines += expand_script(example) if script else [example]
+        lines += re.findall(r"`(jaxrock [^`]*)`", text)
+    assert len(lines) > 50
+    parser = application.make_application()
+    for line in lines:
+        words = shlex.split(line.replace("COMMAND", "assess"))[1:]
+        # The name alone is no command line: some commands have arguments that they require.
+        if len(words) == 1:
+            assert words[0] in (*list_command_names(), "--install-completion"), line
+        else:
+            parser.parse_args(words, print_error=False, exit_on_error=False)
 
 
 @pytest.mark.parametrize("page", ["README", "commands"])
 def test_every_command_has_its_row(page):
-    assert set(re.findall(r"^\| `jaxrock ([\w-]+)", TEXTS[page], re.M)) == {*COMMANDS, "run"}
+    rows = re.findall(r"^\| `jaxrock ([\w-]+)", TEXTS[page], re.M)
+    assert set(rows) == set(list_command_names())
+
+
+def test_every_command_has_its_section():
+    sections = re.findall(
+        r"^## jaxrock ([\w-]+)\n.*?^\.\. command-help:: ([\w-]+)\n",
+        TEXTS["commands"],
+        re.M | re.S,
+    )
+    assert [name for name, _ in sections] == [shown for _, shown in sections]
+    assert sorted(name for name, _ in sections) == sorted(list_command_names())
+
+
+def test_the_new_command_of_the_architecture_works(tmp_path, monkeypatch, capsys):
+    namespace = {"__name__": "jaxrock.cli.uplift", "__package__": "jaxrock.cli"}
+    exec(code("architecture"), namespace)
+    commands = (*application.COMMANDS, namespace["uplift"])
+    monkeypatch.setattr(application, "COMMANDS", commands)
+    monkeypatch.chdir(tmp_path)
+    line = re.search(r"Example: jaxrock (.*)", namespace["uplift"].__doc__)[1]
+    exit_code, output, errors = run_command(capsys, *line.split())
+    assert (exit_code, errors) == (0, "")
+    assert output.splitlines()[1:] == [str(Path("uplift", "uplift.csv"))]
+    factor = re.fullmatch(r"lifted from factor (\S+) on the motion on", output.splitlines()[0])
+    table = (tmp_path / "uplift" / "uplift.csv").read_text(encoding="utf-8")
+    assert float(table.splitlines()[-1]) == pytest.approx(float(factor[1]), rel=1e-3)
+    assert "# record: example" in table
 
 
 @pytest.mark.float64

@@ -1,57 +1,112 @@
-"""Run the example of every command as a newcomer would: ``python tests/tools/examples.py FOLDER``.
+"""Run what help and pages show of the commands, as a newcomer would.
 
-In a new folder, each in a process of its own, `jaxrock run` with the study of
-`docs/commands.md`. Ends with 1 if one of them fails, warns or says anything on standard error but
-how long it takes.
+``python tests/tools/examples.py FOLDER`` makes the folder with the files that examples name, and
+runs there the examples in the help of each command, then the command lines and scripts of the
+pages. ``python tests/tools/examples.py FOLDER help`` runs those of help alone, which need none
+of the optional packages; ``pages`` instead of ``help`` runs the others. Ends with 1 if a command
+fails, prints nothing, warns, or says anything on standard error but how far it is.
 """
 
+import os
 import re
-import shlex
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-from jaxrock.cli.commands import COMMANDS
-from jaxrock.cli.study import Run
+import numpy as np
+
+import jaxrock as jr
+from jaxrock.cli import application
 
 # Times of the impacts of a block 0.2 m wide and 1 m high whose restitution is 0.9, to 1 ms.
 IMPACTS = (0.0, 0.964, 1.636, 2.173, 2.623, 3.007, 3.34, 3.632, 3.892, 4.122, 4.324, 4.503)
 # Objects of a museum, and the hazard at its place.
 OBJECTS = "name,width [cm],height [m],restitution\nbust,40,1.6,\nvase,28,0.9,0.88\n"
 HAZARD = "pgv [m/s],rate [1/yr]\n0.1,2e-2\n0.3,2e-3\n1,1e-4\n3,4e-6\n"
-# What a command says of waits: how long something will take, and a line every half a minute.
-WAITS = re.compile(r"jaxrock: timing .* takes some \d+ s|jaxrock [a-z-]+: \d+ s(, .*)?")
-PAGE = Path(__file__).parents[2] / "docs" / "commands.md"
+# Progress: that a long step has ended, or how long one will take.
+PROGRESS = re.compile(r"jaxrock: (.+: done in \d+ s|timing .* takes some \d+ s)")
+BLOCK = re.compile(r"^```\w*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+ROOT = Path(__file__).parents[2]
 
 
-def main():
-    """Run them all."""
-    folder = Path(sys.argv[1])
-    folder.mkdir()
-    study = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
-    (folder / "study.toml").write_text(study, encoding="utf-8")
+def list_help_examples():
+    """List the command lines in the docstrings of all commands."""
+    documented = (command.__doc__ or "" for command in application.COMMANDS)
+    return [line for text in documented for line in re.findall(r"Example: (jaxrock .*)", text)]
+
+
+def list_page_examples(text):
+    """List the command lines of a page, and its scripts, each as a whole."""
+    examples = []
+    for block in BLOCK.findall(text):
+        if block.startswith("#!/bin/sh"):
+            examples.append(block)
+            continue
+        lines = block.replace("\\\n", " ").splitlines()
+        examples += [line for line in lines if line.startswith("jaxrock ")]
+    return examples
+
+
+def read_pages():
+    """Read the README and all pages, by the names of their files."""
+    paths = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+    return {path.name: path.read_text(encoding="utf-8") for path in paths}
+
+
+def make_files(folder):
+    """Make a folder with the files that examples name."""
+    (folder / "records").mkdir(parents=True)
     (folder / "times.csv").write_text("\n".join(map(str, IMPACTS)), encoding="utf-8")
     (folder / "objects.csv").write_text(OBJECTS, encoding="utf-8")
     (folder / "hazard.csv").write_text(HAZARD, encoding="utf-8")
-    failed = []
-    for name, command in {**COMMANDS, "run": Run}.items():
-        example = re.search(r"Example: jaxrock (.*)", command.__doc__)[1]
+    for number, record in enumerate(list(jr.example_suite())[:3]):
+        times = np.arange(len(record.acceleration)) * float(record.time_step)
+        table = np.column_stack([times, record.acceleration])
+        path = folder / "records" / f"{number}.csv"
+        heads = "time [s],acceleration [m/s2]"
+        np.savetxt(path, table, "%.9g", ",", header=heads, comments="")
+
+
+def run_example(example, folder):
+    """Run an example by a shell; return how it fails, or nothing if it does not."""
+    # The command that belongs to this Python is the first one that the shell finds.
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        ["sh", "-c", example],
+        cwd=folder,
+        env=os.environ | {"PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    complaints = [line for line in done.stderr.splitlines() if not PROGRESS.fullmatch(line)]
+    if done.returncode == 0 and done.stdout and not complaints:
+        return ""
+    return f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
+
+
+def main():
+    """Run them all, and those that two places show once only."""
+    folder = Path(sys.argv[1])
+    which = sys.argv[2:] or ["help", "pages"]
+    examples = list_help_examples() if "help" in which else []
+    if "pages" in which:
+        for text in read_pages().values():
+            examples += list_page_examples(text)
+    folder.mkdir()
+    failed = False
+    # Each in a folder of its own, where no file of another is in the way.
+    for number, example in enumerate(dict.fromkeys(examples)):
+        place = folder / str(number)
+        make_files(place)
         start = time.perf_counter()
-        done = subprocess.run(
-            [sys.executable, "-m", "jaxrock", *shlex.split(example)],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        said = [line for line in done.stderr.splitlines() if not WAITS.fullmatch(line)]
-        passed = done.returncode == 0 and done.stdout and not said
-        print(f"{time.perf_counter() - start:6.1f} s  jaxrock {example}")
-        if not passed:
-            failed.append(name)
-            print(f"exit code {done.returncode}\n{done.stdout}\n{done.stderr}")
-    sys.exit(bool(failed))
+        fault = run_example(example, place)
+        print(f"{time.perf_counter() - start:6.1f} s  {example.rstrip()}", flush=True)
+        if fault:
+            failed = True
+            print(fault, flush=True)
+    sys.exit(failed)
 
 
 if __name__ == "__main__":
