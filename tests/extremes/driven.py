@@ -89,7 +89,8 @@ def _cases(excess):
     yield "pushed with 1e6 m/s2", _followed(Case(amplitude=1e6, duration=4e-7))
     yield "just lifted", _followed(Case(amplitude=9.81 / 5 * (1 + excess), duration=0.3))
     yield "for an hour", _followed(_launched(restitution=1.0), 3600.0)
-    needed, hour = 9.81 / 5, {"duration": 3600.0, "followed": 3600.0}
+    needed = 9.81 / 5
+    hour = {"duration": 3600.0, "followed": 3600.0}
     yield (
         "not quite lifted in an hour",
         Case(amplitude=needed * (1 - excess), fate="rests", **hour),
@@ -124,7 +125,8 @@ class Flight(NamedTuple):
 def flight(numbers) -> Flight:
     b, slenderness, gravity, restitution, _, duration, _ = numbers
     block = b, slenderness, gravity
-    angle, p = closed_forms.critical_angle(slenderness), closed_forms.frequency(*block)
+    angle = closed_forms.critical_angle(slenderness)
+    p = closed_forms.frequency(*block)
     critical = closed_forms.Nonlinear.critical_velocity(*block)
     rotation, velocity = state(*numbers)
     launch = mp.sqrt(velocity**2 + 2 * p**2 * (mp.cos(angle - rotation) - mp.cos(angle)))
@@ -140,7 +142,9 @@ def flight(numbers) -> Flight:
 
 def closed_form(case: Case, numbers) -> list:
     """All answers at numbers near those of the case."""
-    model, block, restitution = closed_forms.Nonlinear, numbers[:3], numbers[3]
+    model = closed_forms.Nonlinear
+    block = numbers[:3]
+    restitution = numbers[3]
     launch, landing, margin = flight(numbers)
     rotation = mp.mpf(0)
     if case.restitution > 0:
@@ -259,7 +263,8 @@ def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[s
     compiled = jax.jit(_with_derivatives(run, hessian))
     failed = {}
     for name, case in CASES[precision].items():
-        numbers, followed = jnp.asarray(case.numbers, dtype), jnp.asarray(case.followed, dtype)
+        numbers = jnp.asarray(case.numbers, dtype)
+        followed = jnp.asarray(case.followed, dtype)
         given = Case(*map(float, numbers), float(followed), case.impacts)
         found = [np.asarray(part) for part in compiled(numbers, followed)]
         if case.fate:

@@ -91,7 +91,9 @@ def work_off(
         )
         case = jax.tree.map(replace, next_case, case)
         resting = ground.find_next_interval(jnp.zeros_like(lanes.interval), case.excitation)
-        lanes = jax.tree.map(replace, Lanes.begin(InitialState(*next_initial.T), case, resting), lanes)
+        lanes = jax.tree.map(
+            replace, Lanes.begin(InitialState(*next_initial.T), case, resting), lanes
+        )
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
     def take_steps(lanes: Lanes, case: Case) -> Lanes:

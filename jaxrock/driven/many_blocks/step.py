@@ -127,7 +127,9 @@ class InitialState(NamedTuple):
         """Put blocks on the sides to which they are rotated, or move from the ground."""
         towards = jnp.where(rotation == 0, velocity, rotation)
         side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
-        return cls(side, *_measure_from_start(side * rotation, side * velocity, equation, start))
+        return cls(
+            side, *_measure_from_start(side * rotation, side * velocity, equation, start)
+        )
 
 
 _State = tuple[Reals, Reals, Reals]  # rotation, velocity, and the time since the start
