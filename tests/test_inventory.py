@@ -496,34 +496,3 @@ def test_command(tmp_path, capsys, site):
     answer = json.loads(text)
     assert [each["name"] for each in answer["objects"]] == expected.object.values.tolist()
     assert [each["rate"] for each in answer["objects"]] == expected.rate.values.tolist()
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--target", 0), "target must be finite and greater than 0"),
-        (("--level", 2, 1), "level must increase, got 1 after 2"),
-        (("--records", "nowhere"), "nowhere': there is no such folder or file"),
-        (("--measure", "pga"), "a hazard of pga was expected, got one of pgv"),
-        (("--hazard-unit", "cm/s"), "unit is 'cm/s', but the head states"),
-    ],
-)
-def test_commands_that_are_refused(tmp_path, capsys, site, options, words):
-    given = dict(zip(site[1::2], site[2::2], strict=True))
-    given |= {options[0]: options[1:]}
-    pairs = [
-        word
-        for name, values in given.items()
-        for word in (name, *(values if isinstance(values, tuple) else (values,)))
-    ]
-    out = tmp_path / "out"
-    code, _, said = run(capsys, "inventory", site[0], *pairs, "--out", out)
-    assert code == 2
-    assert words in said
-    assert not out.exists()
-
-
-def test_a_command_without_a_target(capsys, site):
-    code, _, said = run(capsys, "inventory", *site[:-2])
-    assert code == 2
-    assert "--target" in said

@@ -8,7 +8,7 @@ from tools.command import run
 from tools.pictures import find_clashes
 
 import jaxrock as jr
-from jaxrock.cli import one_block
+from jaxrock.cli import respond as response_command
 from jaxrock.plot import (
     plot_curves,
     plot_fragility,
@@ -17,7 +17,7 @@ from jaxrock.plot import (
     plot_spectrum,
     plot_tornado,
 )
-from jaxrock.sensitivity import arrange_bars
+from jaxrock.sensitivity.measures import arrange_bars
 
 
 def spectrum_of(slenderness, widths=(0.4,), restitutions=(0.6,), intensities=(0.1,)):
@@ -211,14 +211,14 @@ def test_a_map_uses_its_colours(case):
 @pytest.mark.thorough
 def test_respond_names_the_scene_in_picture_and_text(tmp_path, capsys, monkeypatch):
     titles = []
-    keep = one_block.save_picture
+    keep = response_command.save_picture
 
     def save(drawn, path):
         titles.append(drawn.figure.get_suptitle())
         assert find_clashes(drawn.figure) == []
         keep(drawn, path)
 
-    monkeypatch.setattr(one_block, "save_picture", save)
+    monkeypatch.setattr(response_command, "save_picture", save)
     record = tmp_path / "hall.csv"
     times = np.arange(0, 1, 0.01)
     record.write_text(

@@ -1,5 +1,7 @@
 """Slopes against differences, scatter against samples, global measures against known indices."""
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -431,3 +433,40 @@ def test_global_sensitivities():
 def test_bad_input(call, words):
     with pytest.raises(ValueError, match=words):
         call()
+
+
+@pytest.mark.float64
+def test_a_driven_tornado_against_single_responses():
+    """Of a record and of a pulse, by sides and by shape; a block that falls has no answer."""
+    block = jr.Block.from_size(width=0.4, height=2.0)
+    record = jr.Record(jr.example_record().acceleration[1000:1600], 0.01)
+    ranges = {"width": (0.36, 0.44), "restitution": (0.7, 0.9), "scale": (1.2, 8.0)}
+    bars = jr.sensitivity.driven_tornado(block, 0.8, record, ranges, scale=1.5)
+    assert bars.sides == ("width",)
+    lines = dict(zip(bars.names, zip(bars.at_low, bars.at_high, strict=True), strict=True))
+
+    def compute_ratio(width=0.4, restitution=0.8, scale=1.5):
+        changed = jr.Block.from_size(width=width, height=2.0)
+        motion = record.scaled(scale)
+        response = jr.respond(changed, restitution, motion, motion.end + 10.0)
+        if response.overturned:
+            return math.nan
+        return float(response.peak_rotation / changed.critical_angle)
+
+    assert bars.value == pytest.approx(compute_ratio(), rel=1e-6)
+    for name, ends in ranges.items():
+        expected = [compute_ratio(**{name: end}) for end in ends]
+        np.testing.assert_allclose(lines[name], expected, rtol=1e-6)
+    assert math.isnan(lines["scale"][1])
+    assert bars.names[0] == "scale"
+    pulse = jr.Sine(3.0, 0.5)
+    shape = {"half_width": (0.19, 0.21), "amplitude": (2.9, 3.1)}
+    bars = jr.sensitivity.driven_tornado(
+        block, 0.8, pulse, shape, answer="margin", model="linearized"
+    )
+    changed = jr.Block(0.21, 5.0)
+    response = jr.respond(changed, 0.8, pulse, pulse.end, model="linearized")
+    row = bars.names.index("half_width")
+    assert bars.at_high[row] == pytest.approx(float(response.margin), rel=1e-6)
+    with pytest.raises(ValueError, match="ranges must be one of .*, got 'mass'"):
+        jr.sensitivity.driven_tornado(block, 0.8, pulse, {"mass": (1.0, 2.0)})

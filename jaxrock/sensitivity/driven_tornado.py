@@ -62,6 +62,10 @@ def driven_tornado(
     >>> pulse = jr.Sine(3.0, 0.5)
     >>> ranges = {"restitution": (0.8, 0.9), "amplitude": (2.8, 3.2)}
     >>> print(jr.sensitivity.driven_tornado(jr.Block(0.4, 5.0), 0.85, pulse, ranges))
+    0.132752
+                                   low          high        at low       at high
+    amplitude                      2.8           3.2      0.104106      0.157563
+    restitution                    0.8           0.9      0.123243      0.142628
     """
     check_kind("block", block, Block)
     check_batch(block, restitution, motion, None)

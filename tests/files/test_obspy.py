@@ -11,7 +11,7 @@ import pytest
 from tools.command import run
 
 import jaxrock as jr
-from jaxrock.cli.options import read_motion
+from jaxrock.cli.options import RecordOptions
 from jaxrock.ground_motion.files.claims import make_claims
 from jaxrock.ground_motion.files.obspy_files import read_traces
 
@@ -417,7 +417,7 @@ def test_commands(tmp_path, capsys):
     assert code == 2
     assert "miniSEED states no unit" in said
     options = dict.fromkeys(("column", "vertical", "time_step"))
-    record = read_motion(str(path), unit="cm/s2", **options)
+    record = RecordOptions(record=str(path), unit="cm/s2", **options).read()
     assert is_same(record, GALS["HNE"], 0.005)
 
 
