@@ -139,6 +139,14 @@ def test_axes_of_spectra_are_converted():
     np.testing.assert_allclose(found.rotation_ratio, plain.rotation_ratio, rtol=1e-6)
 
 
+@pytest.mark.parametrize("carry", [of_pint, of_astropy])
+def test_a_critical_angle_of_a_spectrum_is_converted(carry):
+    angles = carry([9.0, 18.0], "deg")
+    spectrum = jr.rocking_spectrum(PULSE, [2.0], critical_angle=angles)
+    expected = 1 / np.tan(np.pi / np.array([20, 10]))
+    np.testing.assert_allclose(np.sort(spectrum.slenderness), np.sort(expected), rtol=1e-12)
+
+
 class Storm(Checked):
     """A class with a time in hours, and a count that declares no unit."""
 

@@ -37,8 +37,10 @@ from ..validation import (
     UNIT_INTERVAL,
     Reals,
     as_real,
+    carries_unit,
     check,
     check_kind,
+    convert_to_si,
 )
 
 if TYPE_CHECKING:
@@ -134,6 +136,8 @@ def rocking_spectrum(
         raise ValueError("slenderness or critical_angle must be given, one of the two")
     # By the domain of the slenderness an angle beyond pi / 2 would only be called negative.
     if critical_angle is not None:
+        if carries_unit(critical_angle):
+            critical_angle = convert_to_si("critical_angle", critical_angle, "rad")
         angle = np.asarray(critical_angle, float)
         if not ((angle > 0) & (angle < 0.5 * math.pi)).all():
             raise ValueError("critical_angle must be between 0 and pi / 2")
