@@ -170,7 +170,7 @@ def test_all_code_is_run_by_a_test():
 
 def list_command_names():
     """List the names of all commands, as they are typed."""
-    return [command.__name__.replace("_", "-") for command in application._COMMANDS]
+    return [command.__name__.replace("_", "-") for command in application.COMMANDS]
 
 
 def expand_script(script):
@@ -186,9 +186,12 @@ def test_every_command_line_is_understood():
     """In blocks, in sentences and in help; `tests/tools/examples.py` runs those of blocks."""
     lines = examples.list_help_examples()
     for text in TEXTS.values():
+        shown = []
         for example in examples.list_page_examples(text):
             script = example.startswith("#!")
-            lines += expand_script(example) if script else [example]
+            shown += expand_script(example) if script else [example]
+        assert len(shown) == len(re.findall(r"^jaxrock ", text, re.M))
+        lines += shown
         lines += re.findall(r"`(jaxrock [^`]*)`", text)
     assert len(lines) > 50
     parser = application.make_application()
@@ -220,8 +223,8 @@ def test_every_command_has_its_section():
 def test_the_new_command_of_the_architecture_works(tmp_path, monkeypatch, capsys):
     namespace = {"__name__": "jaxrock.cli.uplift", "__package__": "jaxrock.cli"}
     exec(code("architecture"), namespace)
-    commands = (*application._COMMANDS, namespace["uplift"])
-    monkeypatch.setattr(application, "_COMMANDS", commands)
+    commands = (*application.COMMANDS, namespace["uplift"])
+    monkeypatch.setattr(application, "COMMANDS", commands)
     monkeypatch.chdir(tmp_path)
     line = re.search(r"Example: jaxrock (.*)", namespace["uplift"].__doc__)[1]
     exit_code, output, errors = run_command(capsys, *line.split())
