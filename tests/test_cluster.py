@@ -18,11 +18,11 @@ import pytest
 import xarray
 import zarr
 from distributed import Client
+from jaxrock.cli.commands import Spectrum
 from tables.grids import AXES, GRIDS, blocks, record, same_bits
 from tools.command import run
 
 import jaxrock as jr
-from jaxrock.cli.commands import Spectrum
 from jaxrock.grids import local_cluster, write_zarr
 from jaxrock.grids.workers import choose_accelerator, choose_processors, read_worker_number
 

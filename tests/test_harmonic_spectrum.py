@@ -205,25 +205,6 @@ def test_chunks_change_nothing(monkeypatch):
         np.testing.assert_allclose(whole[name], parts[name], rtol=1e-4)
 
 
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_lanes_left_over_repeat_blocks_that_there_are(monkeypatch):
-    """A made-up block may take a million steps, for which all others wait."""
-    given = []
-
-    def noted(ground, rows, groups, **options):
-        given.append(rows)
-        return np.zeros(rows[:, 0].shape)
-
-    monkeypatch.setattr(
-        "jaxrock.driven.many_blocks.launched_blocks._compile", lambda platform: noted
-    )
-    harmonic_spectrum(2.0, [6.0, 8.0, 9.0], cycles=2)
-    columns = given[0].swapaxes(0, 1).reshape(given[0].shape[1], -1).T
-    assert len(columns) == 64
-    assert len(np.unique(columns, axis=0)) == 3
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -1,6 +1,8 @@
 """Names from NumPy, pandas and xarray: the same answers, and plain strings in results."""
 
-import jax
+import tempfile
+from pathlib import Path
+
 import jaxtyping
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ import xarray
 
 import jaxrock as jr
 from jaxrock.calibration import fit_driven_rocking, fit_free_rocking
-from jaxrock.plot import plot_sobol_indices
+from jaxrock.plot import plot_curves, plot_sobol_indices, plot_spectrum
 from jaxrock.risk import Inventory, assess_inventory
 from jaxrock.sensitivity import outcome_probabilities
 
@@ -26,8 +28,45 @@ def suite(text=str):
     return jr.Suite([RECORD, RECORD.scaled(0.7)], [text("a"), text("b")])
 
 
+def read(reader, table, **options):
+    """Read a file that holds a table."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "table.csv"
+        path.write_text(table)
+        return reader(path, **options)
+
+
+def spectrum():
+    return jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
+
+
 def site(text=str):
     return jr.Site(suite(text), HAZARD, text("pgv"), [0.5, 1.0, 2.0])
+
+
+SAMPLES = "time [s],a,b\n0,0,0\n0.1,1,2\n0.2,-1,1\n0.3,0,0\n"
+CURVE = "PGA,annual rate\n0.1,1e-2\n1,1e-4\n"
+# Those that are asked with arrays without axes as well.
+OF_ANY_STRING = {
+    "model": lambda text: jr.critical_intensity(BLOCK, 0.8, model=text("nonlinear")),
+    "columns": lambda text: read(
+        jr.read_record, SAMPLES, unit=text("g"), column=text("a"), vertical=text("b")
+    ),
+    "hazard file": lambda text: read(
+        jr.read_hazard, CURVE, unit=text("g"), measure=text("pga")
+    ),
+    "statistic": lambda text: jr.Hazard([0.4, 4.0], [1e-2, 1e-4], statistic=text("mean")),
+    "names and remarks": lambda text: Inventory(
+        [text("vase")], jr.Block(np.array([0.2]), 5.0), 0.8, remarks=[text("glass")]
+    ),
+    "cost of a model": lambda text: jr.model_error(SCENE).total(text("linearized"), 64),
+    "curves": lambda text: plot_curves(
+        spectrum().rotation_ratio.sel(restitution=0.6), text("width"), text("slenderness")
+    ).get_xlabel(),
+    "variable": lambda text: (
+        plot_spectrum(spectrum(), text("amplification")).axes[0].get_ylabel()
+    ),
+}
 
 
 # Every argument that is a name, of one question each; `text` makes the name.
@@ -106,6 +145,7 @@ QUESTIONS = {
     "driven rocking": lambda text: fit_driven_rocking(
         TIME, ROTATION, BLOCK, SINE, 0.8, parameters=(text("slenderness"),)
     ),
+    **OF_ANY_STRING,
     "probabilities": lambda text: outcome_probabilities(
         BLOCK, 0.8, RECORD, jr.Uncertain({text("width"): 0.1}), model=text("linearized")
     ),
@@ -125,19 +165,6 @@ def strings(tree):
     return strings(vars(tree)) if hasattr(tree, "__dict__") else []
 
 
-def compare(one, other):
-    if isinstance(one, xarray.Dataset):
-        xarray.testing.assert_identical(one, other)
-        return
-    if not hasattr(one, "__dataclass_fields__"):
-        one = list(one)
-        other = list(other)
-    elif not jax.tree.leaves(one)[1:]:
-        one = vars(one)
-        other = vars(other)
-    jax.tree.map(np.testing.assert_array_equal, one, other)
-
-
 @pytest.mark.parametrize("question", QUESTIONS)
 def test_names_of_numpy_are_names(question):
     ask = QUESTIONS[question]
@@ -147,20 +174,71 @@ def test_names_of_numpy_are_names(question):
     assert str(answer) == str(expected)
 
 
-def test_an_element_of_a_coordinate_is_a_name():
+@pytest.fixture
+def any_type():
+    """Without the types that the tests check: an array is no `str` for them."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+def test_an_element_of_a_coordinate_is_a_name(any_type):
     """An array without axes: what a loop over a coordinate of xarray gives."""
     coordinate = xarray.DataArray(["pga", "pgv"], dims="measure")
-    jaxtyping.config.update("jaxtyping_disable", True)
-    try:
-        for measure in coordinate:
-            found = suite().measure(measure)
-            np.testing.assert_array_equal(found, suite().measure(str(measure.values)))
-        with pytest.raises(ValueError, match=r"measure must be one of pga, pgv, .* got 'pgd'"):
-            suite().measure(xarray.DataArray("pgd"))
-        with pytest.raises(ValueError, match=r"measure must be one of .* got array"):
-            suite().measure(np.array(["pga", "pgv"]))
-    finally:
-        jaxtyping.config.update("jaxtyping_disable", False)
+    for measure in coordinate:
+        measures = suite().measure(measure)
+        np.testing.assert_array_equal(measures, suite().measure(str(measure.values)))
+    with pytest.raises(ValueError, match=r"measure must be one of pga, pgv, .* got 'pgd'"):
+        suite().measure(xarray.DataArray("pgd"))
+    with pytest.raises(ValueError, match=r"measure must be one of .* got array"):
+        suite().measure(np.array(["pga", "pgv"]))
+
+
+@pytest.mark.parametrize("make", [np.array, xarray.DataArray])
+@pytest.mark.parametrize("question", OF_ANY_STRING)
+def test_arrays_without_axes_are_names(question, make, any_type):
+    answer = OF_ANY_STRING[question](make)
+    assert {type(text) for text in strings(answer)} <= {str}
+    assert str(answer) == str(OF_ANY_STRING[question](str))
+
+
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (
+            lambda: jr.rotation_ratio(SCENE, np.array(["linearized", "nonlinear"])),
+            r"model must be Linearized\(\), .* got array",
+        ),
+        (
+            lambda: jr.resonance_spectrum(
+                [4.0], [0.4], 0.8, 0.1, model=np.array(["auto"] * 2)
+            ),
+            r"model must be Linearized\(\), .* got array",
+        ),
+        (
+            lambda: jr.model_error(SCENE).total("cubic", 64),
+            "model must be one of linearized, nonlinear, got 'cubic'",
+        ),
+        (
+            lambda: read(jr.read_record, SAMPLES, unit="g", column=3.0),
+            "column must be the name of a column, got 3.0",
+        ),
+        (
+            lambda: fit_driven_rocking(
+                TIME, ROTATION, BLOCK, SINE, 0.8, parameters=[np.array(["slenderness"] * 2)]
+            ),
+            "parameters must be different ones of .* got array",
+        ),
+        (lambda: jr.tornado(jr.rotation_ratio, SCENE, {3.0: (0.7, 0.9)}), "ranges has 3.0, "),
+        (
+            lambda: plot_spectrum(spectrum(), "height"),
+            "variable must be one of rotation_ratio, .* got 'height'",
+        ),
+    ],
+)
+def test_what_is_no_name_is_refused_by_argument(ask, message, any_type):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        ask()
 
 
 def test_names_of_answers():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.driven import follow_launched
+from jaxrock.driven import Batch, follow_batch
 from jaxrock.steady import least_harmonic_amplitude
 
 PAGE = Path(__file__).parent.parent / "docs" / "resonance_conditions.md"
@@ -142,7 +142,10 @@ def test_constant_frequencies_below_uplift():
     frequency, phase = (x.ravel() for x in np.meshgrid(w * P, phase, indexing="ij"))
     floor = jr.Harmonic(np.full(phase.shape, 0.3 * UPLIFT), frequency, cycles=50)
     launched = np.full(phase.shape, launch)
-    peak = follow_launched(BLOCK, C, floor, phase, launched, jr.Nonlinear()) / ANGLE
+    batch = Batch.of(BLOCK, np.asarray(C), floor, velocity=launched)
+    peak = (
+        follow_batch(batch.advanced(phase / frequency), jr.Nonlinear()).peak_rotation / ANGLE
+    )
     assert_said(f"from {ratio:.3f} of the critical angle to {peak.max():.3f} at most")
 
 

@@ -28,6 +28,7 @@ from ..validation import (
     Booleans,
     Number,
     Reals,
+    as_name,
     as_real,
     check_kind,
     check_shapes,
@@ -123,7 +124,13 @@ class ModelError(Printed, eqx.Module):
         Returns
         -------
         Answers
+
+        Raises
+        ------
+        ValueError
+            If there is no such model.
         """
+        model = as_name("model", model, self.rounding)
         # Linearizing is the ratio of two computed answers, each rounded as the scene was
         # given.
         own_bits = int(jnp.finfo(self.linearization.period.dtype).bits)

@@ -212,7 +212,8 @@ def _check_test(
         raise ValueError(f"parameters must be one or more names, got {parameters!r}")
     parameters = [as_text(name) for name in parameters]
     for name in parameters:
-        if name not in _PARAMETERS or list(parameters).count(name) > 1:
+        is_known = isinstance(name, str) and name in _PARAMETERS
+        if not is_known or parameters.count(name) > 1:
             allowed = ", ".join(_PARAMETERS)
             raise ValueError(f"parameters must be different ones of {allowed}, got {name!r}")
     # Arguments that are not given have a value that passes the checks.

@@ -1,6 +1,6 @@
 """The command line: a command is a function, its parameters are the options."""
 
-import os
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -20,10 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         code = run_command(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
-        print("jaxrock: interrupted", file=sys.stderr, flush=True)
-        code = 130
-        if arguments is None:
-            # Python would wait for threads of JAX, which may compute for a minute yet.
-            os._exit(code)
+        print("jaxrock: interrupted", file=sys.stderr)
+        code = 128 + signal.SIGINT
     if code:
         raise SystemExit(code)

@@ -136,9 +136,11 @@ def _print(answer: Answer) -> int:
 
 def _complain(text: str) -> None:
     """Print a line on standard error."""
-    # It may be closed or full; the exit code says the same.
-    with contextlib.suppress(OSError):
-        print(f"jaxrock: {text}", file=sys.stderr)
+    # It may be closed or full; the exit code says the same. Without a standard error `print`
+    # would write to the standard output.
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError):
+            print(f"jaxrock: {text}", file=sys.stderr)
 
 
 @contextlib.contextmanager

@@ -1,7 +1,11 @@
 """Zarr stores that commands write, computed by workers of this machine."""
 
+import contextlib
+import logging
+import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 from .answers import Answer
@@ -46,8 +50,14 @@ def write_store(
 
     assert options.store is not None
     try:
-        # The client is closed before the cluster that it belongs to.
-        with local_cluster(options.workers) as cluster, Client(cluster) as client:
+        with contextlib.ExitStack() as stack:
+            with _shield_from_interrupts():
+                # Whatever goes wrong is said once, below, and not by each worker.
+                cluster = stack.enter_context(
+                    local_cluster(options.workers, silence_logs=logging.CRITICAL)
+                )
+            # The client is closed before the cluster that it belongs to.
+            client = stack.enter_context(Client(cluster))
             # Only for somebody who watches: in a log the address would be a line that differs.
             if sys.stderr.isatty():
                 print(f"jaxrock: dashboard at {client.dashboard_link}", file=sys.stderr)
@@ -69,3 +79,24 @@ def write_store(
     return Answer(
         f"{answer.text}\n{stored}", {**answer.data, **data}, answer.output, (), answer.code
     )
+
+
+@contextlib.contextmanager
+def _shield_from_interrupts() -> Iterator[None]:
+    """Let processes that are started inside never hear of Ctrl-C.
+
+    A terminal sends it to all processes of a command. Each worker would print a traceback of
+    its own, while this process ends them anyway.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    # Started with the first worker, it would unblock signals of this process.
+    resource_tracker.ensure_running()
+    # Threads and processes that are started inside inherit the mask, and keep it.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        # One that came meanwhile was kept back, and is delivered now.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -16,7 +16,6 @@ from .many_blocks import GroundMotions as GroundMotions
 from .many_blocks import check_batch as check_batch
 from .many_blocks import convert_motion as convert_motion
 from .many_blocks import follow_batch as follow_batch
-from .many_blocks import follow_launched as follow_launched
 from .many_blocks import follow_within as follow_within
 from .many_blocks import jit_steps as jit_steps
 from .one_block import FollowedMotion as FollowedMotion

@@ -58,7 +58,7 @@ class DrivenScene(Printed, Checked):
 
 # A block that lies on its side has turned by pi / 2. In single precision that is rounded up to
 # more than the pi / 2 of double precision.
-_UP_TO_ITS_SIDE = Domain(
+UP_TO_ITS_SIDE = Domain(
     "between -pi / 2 and pi / 2", lambda x: abs(x) <= jnp.pi / 2 + 1e-6, 0.0
 )
 
@@ -67,7 +67,7 @@ class Driven(DrivenScene):
     """A scene, the duration for which the block is followed, and its initial state."""
 
     duration: Reals = quantity(POSITIVE, "s")
-    rotation: Reals = quantity(_UP_TO_ITS_SIDE, "rad")
+    rotation: Reals = quantity(UP_TO_ITS_SIDE, "rad")
     velocity: Reals = quantity(FINITE, "rad/s")
 
     def __init__(

@@ -107,7 +107,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     # Bars would hold the axes to the line; the texts need room on both sides.
     ax.use_sticky_edges = False
     overturns = not np.isfinite([bars.at_low, bars.at_high]).all()
-    ax.margins(x=0.6 if overturns else 0.3)
+    ax.margins(x=0.6 if overturns else 0.25)
     return label_axes(ax, label, "", grid="x")
 
 

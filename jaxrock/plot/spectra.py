@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 
 from ..block import Block
 from ..resonance import critical_slenderness
+from ..validation import as_name, as_text
 from .axes import (
     BACKDROP,
     BESIDE,
@@ -91,6 +92,8 @@ def plot_curves(
     >>> curves = spectrum.rotation_ratio.sel(restitution=0.6)
     >>> axes = jr.plot.plot_curves(curves, hue="width")
     """
+    hue = as_text(hue)
+    along = as_text(along)
     ax, curves = _draw_curves(variable, hue, along, ax)
     name = "overturns beyond" if thresholds is None else "overturning threshold"
     marker = "x"
@@ -222,12 +225,18 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     -------
     matplotlib.figure.Figure
 
+    Raises
+    ------
+    ValueError
+        If the spectrum has no such variable.
+
     Examples
     --------
     >>> import jaxrock as jr
     >>> spectrum = jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
     >>> figure = jr.plot.plot_spectrum(spectrum)
     """
+    variable = as_name("variable", variable, map(str, spectrum.data_vars))
     about = spectrum.attrs
     # Spectra to a tolerance have the model "auto": the threshold of the nonlinear equation is
     # true.

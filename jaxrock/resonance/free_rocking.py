@@ -207,7 +207,8 @@ def as_model(model: object) -> RockingModel:
         return model
     name = as_text(model)
     for kind in (Linearized, Nonlinear):
-        if name == kind.name:
+        # First the class: an array of names is equal to one of them in each of its elements.
+        if isinstance(name, str) and name == kind.name:
             return kind()
     raise ValueError(
         'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear",'

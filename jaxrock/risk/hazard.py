@@ -18,6 +18,7 @@ from ..validation import (
     as_field,
     as_name,
     as_real,
+    as_text,
     is_traced,
     quantity,
 )
@@ -90,7 +91,7 @@ class Hazard(Printed, Checked):
         statistic: str = "",
     ):
         self.measure = as_hazard_measure(measure)
-        self.statistic = statistic
+        self.statistic = as_text(statistic)
         self.levels = as_field(Hazard, "levels", levels)
         self.rates = as_field(Hazard, "rates", rates)
         shape = self.levels.shape

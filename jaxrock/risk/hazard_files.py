@@ -20,6 +20,7 @@ from ..tables import (
     quote_word,
     read_table,
 )
+from ..validation import as_text
 from .hazard import HAZARD_MEASURES, Hazard, as_hazard_measure, find_fault
 from .hazard_notes import agree, find_measures_of_levels, find_statistic, refuse_notes
 from .hazard_sites import Curve, Frequency, Levels, has_sites, read_number, read_site
@@ -91,6 +92,7 @@ def read_hazard(
     hazard of pga from 0.01 1/yr at 0.9807 to 0.0001 1/yr at 9.807
     """
     measure = as_hazard_measure(measure)
+    unit = as_text(unit)
     given = None if unit is None else parse_unit(str(unit))
     if given and given.dimension not in ("acceleration", "velocity"):
         raise ValueError(f"unit must be one like 'm/s', 'cm/s', 'm/s2' or 'g', got {unit!r}")

@@ -10,7 +10,7 @@ import numpy as np
 from ..block import Block, size_of
 from ..host import Printed, format_table
 from ..sensitivity import Uncertain
-from ..validation import Numbers, Reals, as_real
+from ..validation import Numbers, Reals, as_real, as_text
 from .objects import Objects, gather_objects
 
 
@@ -77,7 +77,7 @@ class Inventory(Printed, eqx.Module):
         self.block = jax.device_put(objects.block)
         self.restitution = jnp.asarray(objects.restitution)
         self.uncertain = uncertain
-        self.remarks = tuple(remarks)
+        self.remarks = tuple(map(as_text, remarks))
 
     def __len__(self) -> int:
         return len(self.names)

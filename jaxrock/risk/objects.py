@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from ..block import Block, change_block
-from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, check, check_kind
+from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, as_text, check, check_kind
 
 
 class Objects(NamedTuple):
@@ -68,7 +68,7 @@ def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[s
         raise ValueError("names go with arrays of blocks or restitutions only")
     if isinstance(names, str):
         raise ValueError(f"names must be a list of them, got {names!r:.60}")
-    names = tuple(map(str, names))
+    names = tuple(str(as_text(name)) for name in names)
     if len(names) != shape[0]:
         raise ValueError(f"names must be one for each of {shape[0]} objects, got {len(names)}")
     twice = sorted({name for name in names if names.count(name) > 1})

@@ -205,10 +205,10 @@ def _cut(name: str) -> str:
     return name.rpartition(".")[2]
 
 
-def refuse_name(name: str, allowed: Iterable[str], argument: str) -> NoReturn:
+def refuse_name(name: object, allowed: Iterable[str], argument: str) -> NoReturn:
     """Raise `ValueError` for a name that is not allowed; it suggests one that is similar."""
     allowed = list(dict.fromkeys(allowed))
-    similar = difflib.get_close_matches(name, allowed, 1)
+    similar = difflib.get_close_matches(str(name), allowed, 1)
     hint = f"; did you mean {similar[0]!r}?" if similar else ""
     raise ValueError(f"{argument} has {name!r}, which is none of {', '.join(allowed)}{hint}")
 

@@ -12,7 +12,6 @@ from ..driven import (
     TOPPLED_ROTATION,
     Batch,
     follow_batch,
-    follow_launched,
     require_complete,
     uplift_acceleration,
 )
@@ -295,15 +294,14 @@ def _classify_orbits(
     exists = np.asarray(orbit.exists)
     unstable = np.flatnonzero(exists & (region == 0))
     if unstable.size:
-        # Up to a power of two by taking some more than once, so that few sizes are compiled.
-        places = np.resize(unstable, 1 << (unstable.size - 1).bit_length())
-        motion = Harmonic(amplitude.flat[places], frequency.flat[places], cycles)
-        phase, launch = (
-            np.asarray(x).flat[places] for x in (orbit.phase, orbit.launch_velocity)
-        )
-        faster = (1 + _DISTURBANCE) * launch
-        peaks.flat[places] = follow_launched(block, restitution, motion, phase, faster, model)
-        region.flat[places] = 2
+        motion = Harmonic(amplitude.flat[unstable], frequency.flat[unstable], cycles)
+        phase = np.asarray(orbit.phase).flat[unstable]
+        launch = np.asarray(orbit.launch_velocity).flat[unstable]
+        batch = Batch.of(block, restitution, motion, velocity=(1 + _DISTURBANCE) * launch)
+        # Launched at its phase of the first period.
+        launched = batch.advanced(np.mod(phase, 2 * np.pi) / np.asarray(motion.frequency))
+        peaks.flat[unstable] = follow_batch(launched, model).peak_rotation
+        region.flat[unstable] = 2
     return region, peaks
 
 

@@ -118,7 +118,9 @@ def resonance_spectrum(
     shared = [as_real("gravity", gravity), as_real("inertia_ratio", inertia_ratio, unit="")]
     for name, value, domain in zip(constants, shared, (POSITIVE, AT_LEAST_ONE), strict=True):
         check(name, value, domain)
-    single = None if as_text(model) == "auto" else resonance.as_model(model)
+    model_name = as_text(model)
+    is_auto = isinstance(model_name, str) and model_name == "auto"
+    single = None if is_auto else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if devices and chunks is not None:
         raise ValueError(

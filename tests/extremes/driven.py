@@ -246,20 +246,13 @@ def adaptive(numbers, followed):
 
 
 def batch(numbers, followed):
-    b, slenderness, gravity, restitution, amplitude, duration, _ = numbers
-    block = jr.Block(b, slenderness, gravity)
-    push = jr.Rectangular(amplitude, duration)
-    found = jr.respond_batch(block, restitution, push, followed)
+    b, slenderness, gravity, restitution, amplitude, duration, velocity = numbers
+    block, push = jr.Block(b, slenderness, gravity), jr.Rectangular(amplitude, duration)
+    found = jr.respond_batch(block, restitution, push, followed, velocity=velocity)
     return jnp.stack([found.peak_rotation, found.margin, found.final_rotation])
 
 
 SOLVERS = {"respond": (adaptive, ANSWERS), "respond_batch": (batch, OF_BATCH)}
-
-
-def names_for(solver: str) -> list[str]:
-    """`respond_batch` knows no launch."""
-    cases = CASES["float64"].items()
-    return [name for name, case in cases if solver == "respond" or not case.velocity]
 
 
 def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[str, str], str]:
@@ -269,8 +262,7 @@ def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[s
     kept = [ANSWERS.index(name) for name in names]
     compiled = jax.jit(_with_derivatives(run, hessian))
     failed = {}
-    for name in names_for(solver):
-        case = CASES[precision][name]
+    for name, case in CASES[precision].items():
         numbers = jnp.asarray(case.numbers, dtype)
         followed = jnp.asarray(case.followed, dtype)
         given = Case(*map(float, numbers), float(followed), case.impacts)
@@ -279,8 +271,7 @@ def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[s
             failed |= _not_its_fate(name, case.fate, names, found)
             continue
         exact = expected(given, hessian)
-        # A batch knows no launch.
-        scale = scales(given)[: 7 if solver == "respond" else 6]
+        scale = scales(given)
         for k, which in enumerate(kept):
             errors = _errors(exact, which, [part[k] for part in found], scale)
             for what, error in errors.items():

@@ -30,6 +30,21 @@ LIMITS = (
         " slope to C is that of a block that has had two hundred impacts. At the end it is five"
         " half-cycles behind.",
     ),
+    Limit(
+        "respond_batch",
+        "float64",
+        "gradient",
+        ("for an hour",),
+        "4,914 half-cycles without loss, whose steps add up what they leave of an error: the"
+        " final rotation is within its bound, its slopes are off by 1.2e-4.",
+    ),
+    Limit(
+        "respond_batch",
+        "float32",
+        "gradient",
+        ("for an hour",),
+        "as in float64: the slopes of the final rotation are off by a fifth.",
+    ),
 )
 KNOWN = {
     (limit.subject, corner, limit.precision, limit.quantity): number

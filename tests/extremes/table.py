@@ -72,10 +72,7 @@ def text() -> str:
         for corner in corners.CORNERS
     }
     driven_rows = {
-        name: [
-            _cell(name, *column) if name in driven.names_for(column[0]) else "-"
-            for column in of_driven
-        ]
+        name: [_cell(name, *column) for column in of_driven]
         for name in driven.CASES["float64"]
     }
     return "\n".join(

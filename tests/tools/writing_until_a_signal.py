@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 from jaxrock.cli.signals import end_on_signals
+
 from jaxrock.host import write_whole
 
 

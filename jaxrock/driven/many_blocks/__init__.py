@@ -3,7 +3,6 @@
 from .batch import Batch
 from .compiler_options import jit_steps
 from .ground_motions import GroundMotions, convert_motion
-from .launched_blocks import follow_launched
 from .respond_many import (
     BatchResponse,
     check_batch,
@@ -21,7 +20,6 @@ __all__ = [
     "check_batch",
     "convert_motion",
     "follow_batch",
-    "follow_launched",
     "follow_within",
     "jit_steps",
     "respond_batch",

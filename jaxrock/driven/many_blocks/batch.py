@@ -1,6 +1,7 @@
 """A batch: blocks under ground motions, brought to one type and ready to be simulated."""
 
 from collections.abc import Hashable
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -27,12 +28,16 @@ class Batch(eqx.Module):
     ground : GroundMotions
     until : Array
         Time up to which each block is followed [s].
+    rotation, velocity : Array
+        At time 0 [rad], [rad/s].
     """
 
     block: Block
     restitution: HostNumbers
     ground: GroundMotions
     until: HostNumbers
+    rotation: HostNumbers
+    velocity: HostNumbers
 
     @classmethod
     def of(
@@ -42,12 +47,16 @@ class Batch(eqx.Module):
         motion: Motion | Suite | GroundMotions,
         duration: Number | None = None,
         axes: int = 0,
+        *,
+        rotation: Number | None = None,
+        velocity: Number | None = None,
     ) -> "Batch":
         """Make the batch, to be simulated to the end of the motion or for a duration.
 
-        The answers have as many `axes` at least, behind the axis of the records of a suite.
+        At rest at time 0, unless rotation or velocity are given. The answers have as many `axes` at least, behind the axis of the records of a suite.
         """
-        leaves = jax.tree.leaves((block, restitution, motion, duration))
+        numbers = block, restitution, duration, rotation, velocity
+        leaves = jax.tree.leaves((numbers, motion))
         # Strict promotion, which users may have set, refuses a sum of float32 and float64.
         with jax.numpy_dtype_promotion("standard"):
             # The arrays, not their types: defaults and Python numbers are weakly typed.
@@ -61,13 +70,23 @@ class Batch(eqx.Module):
         if isinstance(motion, GroundMotions):
             ground = motion.replace_numbers(convert(motion.numbers))
         else:
-            others = jax.tree.leaves((block, restitution, duration))
-            axes = max(axes, *(np.ndim(leaf) for leaf in others))
+            axes = max(axes, *(np.ndim(leaf) for leaf in jax.tree.leaves(numbers)))
             if isinstance(motion, Suite):
                 axes = max(axes, np.ndim(motion.records[0].scale))
             ground = convert_motion(convert(motion), axes, grouped=namespace is np)
-        until = ground.end if duration is None else convert(duration)
-        return cls(convert(block), convert(restitution), ground, until)
+            if namespace is jnp:
+                # Only `advanced` may lead to a start before time 0; NaN is not valid.
+                start = jnp.where(ground.start >= 0, ground.start, jnp.nan)
+                ground = ground.replace_numbers(ground.numbers._replace(start=start))
+        zero = np.zeros((), dtype)
+        return cls(
+            block=convert(block),
+            restitution=convert(restitution),
+            ground=ground,
+            until=ground.end if duration is None else convert(duration),
+            rotation=zero if rotation is None else convert(rotation),
+            velocity=zero if velocity is None else convert(velocity),
+        )
 
     @property
     def traced(self) -> bool:
@@ -95,6 +114,8 @@ class Batch(eqx.Module):
             length=motion.length,
             start=motion.start,
             duration=self.until,
+            rotation=self.rotation,
+            velocity=self.velocity,
             motion=motion.motion,
         )
 
@@ -119,11 +140,25 @@ class Batch(eqx.Module):
 
         numbers = jax.tree.map(take, self.ground.numbers)
         ground = self.ground.replace_numbers(numbers)
-        rest = (self.block, self.restitution, self.until)
-        block, restitution, until = jax.tree.map(take, rest)
-        return Batch(block, restitution, ground, until)
+        own = (self.block, self.restitution, self.until, self.rotation, self.velocity)
+        block, restitution, until, rotation, velocity = jax.tree.map(take, own)
+        return Batch(block, restitution, ground, until, rotation, velocity)
 
     def scaled(self, factor: Number, restitution: float = 1.0) -> "Batch":
         """Multiply the motions by a factor, and the restitutions by another one."""
-        ground = self.ground.scaled(factor)
-        return Batch(self.block, self.restitution * restitution, ground, self.until)
+        return replace(
+            self,
+            restitution=self.restitution * restitution,
+            ground=self.ground.scaled(factor),
+        )
+
+    def advanced(self, time: HostNumbers) -> "Batch":
+        """Let the motions have begun a time before time 0 [s].
+
+        For blocks that move at time 0, and a time within the first interval of the input, such
+        as the first period of a `Harmonic`. All of the motion ends earlier.
+        """
+        time = choose_namespace([time]).asarray(time, self.dtype)
+        ground = self.ground
+        numbers = ground.numbers._replace(start=ground.start - time, end=ground.end - time)
+        return replace(self, ground=ground.replace_numbers(numbers), until=self.until - time)

@@ -14,7 +14,7 @@ from jax import Array
 from ...validation import Integers, Reals
 from .ground_input import GroundInput
 from .single_kernels import call_as_one_function
-from .step import Case, Lanes, max_steps
+from .step import Case, InitialState, Lanes, max_steps
 
 
 class FinalStates(NamedTuple):
@@ -57,13 +57,16 @@ class _Progress(NamedTuple):
 def work_off(
     ground: GroundInput,
     queue: Case,
+    initial: InitialState,
     count: Integers | int,
     lanes: int,
     step: Callable[[Lanes, Case], Lanes],
 ) -> FinalStates:
-    """Take the first `count` blocks of a queue to their ends, by `step`."""
+    """Take the first `count` blocks of a queue from time 0 to their ends, by `step`."""
     dtype = queue.duration.dtype
     size = queue.duration.size
+    # One gather of rows, as for the results.
+    initial_rows = jnp.stack(initial, axis=-1)
 
     def refill(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""
@@ -83,12 +86,14 @@ def work_off(
         def replace(new: Array, old: Array) -> Array:
             return jnp.where(gets, new, old)
 
-        next_case = jax.tree.map(
-            lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), queue
+        next_case, next_initial = jax.tree.map(
+            lambda leaf: leaf.at[place].get(mode="promise_in_bounds"), (queue, initial_rows)
         )
         case = jax.tree.map(replace, next_case, case)
-        fresh = ground.find_next_interval(jnp.zeros_like(lanes.interval), case.excitation)
-        lanes = jax.tree.map(replace, Lanes.at_rest(fresh, dtype), lanes)
+        resting = ground.find_next_interval(jnp.zeros_like(lanes.interval), case.excitation)
+        lanes = jax.tree.map(
+            replace, Lanes.begin(InitialState(*next_initial.T), case, resting), lanes
+        )
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
     def take_steps(lanes: Lanes, case: Case) -> Lanes:

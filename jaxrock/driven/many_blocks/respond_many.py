@@ -21,6 +21,7 @@ from ...host import (
 )
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
+    FINITE,
     POSITIVE,
     UNIT_INTERVAL,
     AnyArray,
@@ -34,6 +35,7 @@ from ...validation import (
     check_shapes,
 )
 from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
+from ..scene import UP_TO_ITS_SIDE
 from .batch import Batch
 from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
@@ -71,6 +73,7 @@ class StepChange(NamedTuple):
 
 
 _AS_USUAL = StepChange()
+_INITIAL = {"rotation": UP_TO_ITS_SIDE, "velocity": FINITE}
 
 
 class ImpactSum(NamedTuple):
@@ -153,7 +156,7 @@ def _follow_rows(
 ) -> SimulatedBatch:
     """Follow the blocks of the first `count` columns, whose rows are their arguments."""
     arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
-    case, unit, valid = prepare_blocks(ground, arguments, program.model)
+    case, initial, unit, valid = prepare_blocks(ground, arguments, program.model)
 
     tolerance, longest, *last_terms = control
     step_control = StepControl(tolerance, longest, (last_terms[0], last_terms[1]))
@@ -161,7 +164,7 @@ def _follow_rows(
     def step(lanes: Lanes, case: Case) -> Lanes:
         return take_step(lanes, case, ground, step_control, program.order)
 
-    ends = work_off(ground, case, count, lanes, step)
+    ends = work_off(ground, case, initial, count, lanes, step)
     # In as few bytes as a boolean: statuses of large batches are copied like all else.
     status = jnp.where(ends.finished > 0, Status.COMPLETE, Status.STOPPED)
     status = jnp.where(valid, status, Status.INVALID).astype(jnp.int8)
@@ -215,15 +218,17 @@ def respond_batch(
     motion: Motion | Suite,
     duration: Number | None = None,
     *,
+    rotation: Number = 0.0,
+    velocity: Number = 0.0,
     model: ModelLike = Nonlinear(),
     rtol: float | None = None,
 ) -> BatchResponse:
-    """Response of many blocks, from rest, each in steps of its own.
+    """Response of many blocks, each in steps of its own.
 
-    Everything broadcasts: blocks, restitutions, durations, the amplitude, duration and
-    start of a pulse, the amplitude, frequency and start of a `Harmonic`, the scale, time step
-    and start of a `Record`, and the leading axes of its samples. What one block does is the
-    same whatever else is in the batch.
+    Everything broadcasts: blocks, restitutions, durations, initial rotations and velocities,
+    the amplitude, duration and start of a pulse, the amplitude, frequency and start of a
+    `Harmonic`, the scale, time step and start of a `Record`, and the leading axes of its
+    samples. What one block does is the same whatever else is in the batch.
 
     Parameters
     ----------
@@ -235,6 +240,8 @@ def respond_batch(
         the results.
     duration : array_like, optional
         How long to follow each block [s], greater than 0; by default to the end of the motion.
+    rotation, velocity : array_like, optional
+        Initial rotation [rad] and angular velocity [rad/s]; at rest by default.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     rtol : float, optional
@@ -272,18 +279,29 @@ def respond_batch(
     >>> print(*(f"{peak:.3f} rad" for peak in response.peak_rotation), response.overturned)
     0.044 rad 0.069 rad 0.077 rad [False  True  True]
     """
-    restitution, duration = check_batch(blocks, restitution, motion, duration)
+    initial = {
+        "rotation": as_real("rotation", rotation),
+        "velocity": as_real("velocity", velocity),
+    }
+    restitution, duration = check_batch(blocks, restitution, motion, duration, **initial)
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
-    batch = Batch.of(blocks, restitution, motion, duration)
+    batch = Batch.of(blocks, restitution, motion, duration, **initial)
     response = follow_batch(batch, as_model(model), rtol)
     return response if batch.traced else jax.device_put(response)
 
 
 def check_batch(
-    blocks: Block, restitution: Number, motion: Motion | Suite, duration: Number | None
+    blocks: Block,
+    restitution: Number,
+    motion: Motion | Suite,
+    duration: Number | None,
+    **initial: Reals,
 ) -> tuple[Reals, Reals | None]:
-    """Check the arguments of `respond_batch`, and return restitution and duration as arrays."""
+    """Check the arguments of `respond_batch`, and return restitution and duration as arrays.
+
+    `initial` are rotation and velocity at time 0 where they are given, as arrays.
+    """
     check_kind("blocks", blocks, Block)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     restitution = as_real("restitution", restitution, unit="")
@@ -291,8 +309,12 @@ def check_batch(
     if duration is not None:
         duration = as_real("duration", duration, unit="s")
         check("duration", duration, POSITIVE)
+    for name, value in initial.items():
+        check(name, value, _INITIAL[name])
     single = motion[0] if isinstance(motion, Suite) else motion  # whose shape all records have
-    check_shapes(blocks=blocks, restitution=restitution, motion=single, duration=duration)
+    check_shapes(
+        blocks=blocks, restitution=restitution, motion=single, duration=duration, **initial
+    )
     return restitution, duration
 
 

@@ -21,12 +21,15 @@ The state of a lane is `Lanes`; a step leads from one row of this table to anoth
                             certain
                             as above, but reaches pi / 2,  is done: interval = intervals, and
                             or uses up its steps           no longer `moves`
+    rests or moves before   as above, in free motion, at   rests or moves at the beginning of
+    the start (elapsed < 0) most to the start              the same interval
     rests or moves          to the end of the duration     is done
     is done                 of length 0                    is done, until the queue gives it
                                                            another block
 
-Behind the end of the input (interval = intervals) a block that moves goes on in free motion to
-the end of its duration; one that rests is done.
+Blocks begin before the start of the motion if that is later than time 0: those that move in the
+first interval, those at rest in the first one that may lift them. Behind the end of the input (interval = intervals) a block that moves goes on in
+free motion to the end of its duration; one that rests is done.
 """
 
 from dataclasses import replace
@@ -40,10 +43,11 @@ from jax.typing import DTypeLike
 from ...block import Block
 from ...impact import velocity_after_impact
 from ...numerics import pick_larger
-from ...resonance import Linearized, RockingModel
+from ...resonance import RockingModel
 from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
+from ..scene import UP_TO_ITS_SIDE
 from .flight import LONGEST_STEP, StepFlight
 from .ground_input import (
     CountPerBlock,
@@ -74,6 +78,8 @@ class BatchArguments(NamedTuple):
     length: HostNumbers  # of an interval [s]
     start: HostNumbers  # of the motion [s]
     duration: HostNumbers  # for which the block is followed [s]
+    rotation: HostNumbers  # initial, signed [rad]
+    velocity: HostNumbers  # initial, signed [rad/s]
     motion: (
         HostNumbers  # index of the motion, where there are several; a real as all the others
     )
@@ -106,10 +112,71 @@ class Case(eqx.Module):
     excitation: Excitation
 
 
+class InitialState(NamedTuple):
+    """The state of each block at time 0, from the side on which it stands."""
+
+    side: PerBlock  # 1 or -1
+    rotation: PerBlock
+    velocity: PerBlock
+    elapsed: PerBlock  # time since the start of the motion; negative before it
+
+    @classmethod
+    def of(
+        cls, equation: Equation, rotation: Reals, velocity: Reals, start: Reals
+    ) -> "InitialState":
+        """Put blocks on the sides to which they are rotated, or move from the ground."""
+        towards = jnp.where(rotation == 0, velocity, rotation)
+        side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
+        return cls(
+            side, *_measure_from_start(side * rotation, side * velocity, equation, start)
+        )
+
+
+_State = tuple[Reals, Reals, Reals]  # rotation, velocity, and the time since the start
+
+
+@jax.custom_jvp
+def _measure_from_start(
+    rotation: Reals, velocity: Reals, equation: Equation, start: Reals
+) -> _State:
+    """Return the state at time 0, with its derivative where the motion starts then.
+
+    A motion that starts at time 0 cannot start earlier. So the derivative is that for a later
+    start, as in `respond`: the block moves freely until then.
+    """
+    del equation
+    return rotation, velocity, -start
+
+
+@_measure_from_start.defjvp
+def _differentiate_state(
+    primals: tuple[Reals, Reals, Equation, Reals],
+    tangents: tuple[Reals, Reals, Equation, Reals],
+) -> tuple[_State, _State]:
+    """Differentiate `_measure_from_start`."""
+    *_, equation, start = primals
+    rotation_change, velocity_change, _, start_change = tangents
+    # Once more by the function itself, for second derivatives.
+    rotation, velocity, elapsed = _measure_from_start(*primals)
+    tilt = equation.critical_angle - rotation
+    push = jnp.zeros_like(tilt)
+    acceleration = equation.right_hand_side(*_sine_cosine(equation, tilt), push, 0.0)
+    moves = (rotation != 0) | (velocity != 0)
+    begins = start == 0
+    delay = jnp.where(moves & begins, start_change, 0)
+    changes = (
+        rotation_change + delay * velocity,
+        velocity_change + delay * acceleration,
+        jnp.where(begins, 0, -start_change),
+    )
+    return (rotation, velocity, elapsed), changes
+
+
 class PreparedBlocks(NamedTuple):
     """Blocks as they are followed, with the unit and validity that the answers need."""
 
     case: Case
+    initial: InitialState
     unit: Reals  # of time [s]
     valid: Booleans  # whether all arguments are allowed
 
@@ -139,6 +206,8 @@ def prepare_blocks(
     length = length / unit
     start = jnp.asarray(arguments.start) / unit
     duration = jnp.asarray(arguments.duration) / unit
+    rotation = jnp.asarray(arguments.rotation)
+    velocity = jnp.asarray(arguments.velocity) * unit
 
     # By rounding alone no block is lifted, as in `GroundInput.find_uplift`.
     needed = equation.tangent / jnp.abs(strength)
@@ -159,16 +228,18 @@ def prepare_blocks(
     )
 
     # A sum is finite only if all its terms are: one test serves all.
-    total = p_squared + equation.tangent + strength + start
+    total = p_squared + equation.tangent + strength + start + rotation + velocity
     finite = jnp.isfinite(total + restitution + length + duration) & ground.is_finite(motion)
     positive = (p_squared > 0) & (length > 0) & (duration > 0)
-    allowed = (start >= 0) & (restitution >= 0) & (restitution <= 1)
+    allowed = (restitution >= 0) & (restitution <= 1) & UP_TO_ITS_SIDE.contains(rotation)
+    valid = finite & positive & allowed
 
-    if isinstance(model, Linearized):
-        ground_sine = angle
-        ground_cosine = jnp.ones_like(angle)
-    else:
-        ground_sine, ground_cosine = sine_cosine(angle)
+    # A block that is not valid rests, so that it is done soon.
+    rotation = jnp.where(valid, rotation, 0)
+    velocity = jnp.where(valid, velocity, 0)
+    initial = InitialState.of(equation, rotation, velocity, start)
+
+    ground_sine, ground_cosine = _sine_cosine(equation, angle)
     case = Case(
         # Without numbers that no step needs: what a loop carries costs time.
         equation=eqx.tree_at(lambda e: (e.gravity, e.inertia_ratio), equation, (None, None)),
@@ -181,14 +252,21 @@ def prepare_blocks(
         duration=duration,
         excitation=excitation,
     )
-    return PreparedBlocks(case, unit, finite & positive & allowed)
+    return PreparedBlocks(case, initial, unit, valid)
+
+
+def _sine_cosine(equation: Equation, tilt: Reals) -> tuple[Reals, Reals]:
+    """Compute sine and cosine of a tilt from balance, as the equation of motion has them."""
+    if equation.linearized:
+        return tilt, jnp.ones_like(tilt)
+    return sine_cosine(tilt)
 
 
 class Lanes(eqx.Module):
     """The states of the blocks that are followed side by side."""
 
     interval: CountPerBlock
-    elapsed: PerBlock  # time since the beginning of the interval
+    elapsed: PerBlock  # time since the beginning of the interval, < 0 before the motion starts
     side: PerBlock  # on which the block stands, 1 or -1
     rotation: PerBlock  # from that side
     velocity: PerBlock
@@ -226,8 +304,27 @@ class Lanes(eqx.Module):
             end_impacts=count,
         )
 
+    @classmethod
+    def begin(cls, initial: InitialState, case: Case, resting: Integers) -> "Lanes":
+        """Blocks at time 0; those at rest in the interval `resting`, which may lift them."""
+        intervals = case.excitation.intervals
+        toppled = initial.rotation >= TOPPLED_ROTATION
+        moves = (initial.rotation != 0) | (initial.velocity != 0)
+        return replace(
+            cls.at_rest(resting, initial.rotation.dtype),
+            interval=jnp.where(toppled, intervals, jnp.where(moves, 0, resting)),
+            elapsed=initial.elapsed,
+            side=initial.side,
+            rotation=initial.rotation,
+            velocity=initial.velocity,
+            moves=moves & ~toppled,
+            peak=initial.rotation,
+            end_rotation=initial.rotation,
+            end_velocity=initial.velocity,
+        )
+
     def are_active(self, case: Case) -> Booleans:
-        """Tell which motions go on."""
+        """Return which motions go on."""
         return self.moves | (self.interval < case.excitation.intervals)
 
 
@@ -251,11 +348,15 @@ def take_step(
     All rows of the table are computed for all lanes, and `where` picks: lanes run on SIMD
     lanes of the processor, which have no branches.
     """
-    # Where the step may end: at the end of the interval, or of the duration.
+    # Where the step may end: at the start of the motion, the end of the interval, or of the
+    # duration.
     intervals = case.excitation.intervals
-    acts = lanes.interval < intervals
+    before_start = lanes.elapsed < 0
+    before_end = lanes.interval < intervals
+    acts = before_end & ~before_start
     begin = case.start + lanes.interval.astype(lanes.rotation.dtype) * case.excitation.length
-    length = jnp.where(acts, case.excitation.length, jnp.inf)
+    length = jnp.where(before_end, case.excitation.length, jnp.inf)
+    length = jnp.where(before_start, 0, length)
     stop = jnp.minimum(length, case.duration - begin)
     time_left = stop - lanes.elapsed
 
@@ -297,12 +398,12 @@ def take_step(
     exhausted = toppled | (lanes.steps >= max_steps(case))
     # Not `stop < length`: where NaN has got in, the lane must end as well.
     ended = (arrives & ~(stop >= length)) | (lanes.moves & exhausted)
-    interval = jnp.where(arrives, lanes.interval + 1, lanes.interval)
+    interval = jnp.where(arrives & ~before_start, lanes.interval + 1, lanes.interval)
     interval = jnp.where(
         lanes.moves | lifted, interval, ground.find_next_interval(interval, case.excitation)
     )
 
-    # The new state. For the overturning criterion it is noted as long as the input acts.
+    # The new state. For the overturning criterion it is noted until the input ends.
     side = jnp.where(flight.lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side))
     velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
     velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
@@ -315,7 +416,7 @@ def take_step(
     square, bounces, weight = jax.lax.stop_gradient(
         (leaving * leaving, case.bounces, case.duration + begin + lanes.elapsed + taken)
     )
-    counts = flight.lands & acts
+    counts = flight.lands & before_end
     energy = materialize(
         jnp.where(counts, weight * jnp.where(settles, bounces, 1), 0) * square
     )
@@ -332,9 +433,9 @@ def take_step(
             impacts=impacts,
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
             impact_sum=lanes.impact_sum + energy,
-            end_rotation=jnp.where(acts, rotation, lanes.end_rotation),
-            end_velocity=jnp.where(acts, velocity, lanes.end_velocity),
-            end_impacts=jnp.where(acts, impacts, lanes.end_impacts),
+            end_rotation=jnp.where(before_end, rotation, lanes.end_rotation),
+            end_velocity=jnp.where(before_end, velocity, lanes.end_velocity),
+            end_impacts=jnp.where(before_end, impacts, lanes.end_impacts),
         )
     )
 

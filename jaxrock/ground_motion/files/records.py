@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 
 from ...tables import NamedFile, TextFile, quote_names
+from ...validation import as_text, describe
 from ..record import Record
 from .claims import Claims, make_claims
 from .components import Component, make_record, require_upward
@@ -87,6 +88,10 @@ def read_record(
     >>> print(f"{record.samples} samples, {record.time_step:.2f} s apart")
     6001 samples, 0.01 s apart
     """
+    column = as_text(column)
+    vertical = as_text(vertical)
+    if column is not None and not isinstance(column, str):
+        raise ValueError(f"column must be the name of a column, got {describe(column)}")
     for name, value in (("path", path), ("vertical", "" if vertical is None else vertical)):
         if not isinstance(value, str | os.PathLike):
             raise ValueError(f"{name} must be one name of a file or column, got {value!r:.60}")
