@@ -185,10 +185,14 @@ def expand_script(script):
 def test_every_command_line_is_understood():
     """In blocks, in sentences and in help; `tests/tools/examples.py` runs those of blocks."""
     lines = examples.list_help_examples()
+    beginning = re.compile(rf"^jaxrock (?:{'|'.join(list_command_names())}) ", re.M)
     for text in TEXTS.values():
+        shown = []
         for example in examples.list_page_examples(text):
             script = example.startswith("#!")
-            lines += expand_script(example) if script else [example]
+            shown += expand_script(example) if script else [example]
+        assert len(shown) == len(beginning.findall(text))
+        lines += shown
         lines += re.findall(r"`(jaxrock [^`]*)`", text)
     assert len(lines) > 50
     parser = application.make_application()

@@ -1,4 +1,4 @@
-"""What just overturns a block under a longer pulse or a record: boundaries along a quantity."""
+"""Limits of a block under a longer pulse or a record: boundaries along a quantity."""
 
 import functools
 import math

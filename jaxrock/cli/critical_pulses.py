@@ -1,4 +1,4 @@
-"""What just overturns a block under instantaneous pulses, in closed form."""
+"""Limits of a block under instantaneous pulses, in closed form."""
 
 import functools
 import itertools

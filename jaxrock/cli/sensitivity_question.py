@@ -52,7 +52,7 @@ class Question(NamedTuple):
 
     @property
     def sizes_in_words(self) -> str:
-        """What a change of size leaves as it is."""
+        """The parameters that are sizes, with what stays as it is while they change."""
         sizes = [name for name in self.at if name in SIZES_IN_WORDS]
         return ", ".join(f"{name} is the {SIZES_IN_WORDS[name]}" for name in sizes)
 

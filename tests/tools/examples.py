@@ -26,7 +26,7 @@ OBJECTS = "name,width [cm],height [m],restitution\nbust,40,1.6,\nvase,28,0.9,0.8
 HAZARD = "pgv [m/s],rate [1/yr]\n0.1,2e-2\n0.3,2e-3\n1,1e-4\n3,4e-6\n"
 # Progress: that a long step has ended, or how long one will take.
 PROGRESS = re.compile(r"jaxrock: (.+: done in \d+ s|timing .* takes some \d+ s)")
-BLOCK = re.compile(r"^```\w*\n(.*?)^```", re.DOTALL | re.MULTILINE)
+BLOCK = re.compile(r"^```[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
 ROOT = Path(__file__).parents[2]
 
 
