@@ -111,11 +111,6 @@ def test_restitution_of_one():
     assert "Overturns in half-cycle 7" in text
 
 
-def test_one_scene_at_a_time():
-    with pytest.raises(ValueError, match=r"single one to be assessed, got an array of \(2,\)"):
-        jr.assess(jr.Scene(BLOCK, np.array([0.5, 0.6]), 0.15))
-
-
 @pytest.mark.thorough
 def test_what_a_tolerance_needs():
     wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)

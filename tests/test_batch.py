@@ -544,15 +544,6 @@ def test_never_lifted_and_traced_bad_values():
     assert not shaken(samples, np.float32(-0.1), c).complete.any()
 
 
-@pytest.mark.parametrize(
-    ("c", "duration", "words"),
-    [(1.2, 1.0, "restitution must be between 0 and 1"), (0.9, 0.0, "duration must be finite")],
-)
-def test_bad_input(c, duration, words):
-    with pytest.raises(ValueError, match=words):
-        jr.respond_batch(jr.Block(0.3, 5.0), c, jr.Sine(4.0, 0.5), duration)
-
-
 @pytest.mark.float64
 def test_slope_to_a_sample_alone():
     """Of a record, and of one in a suite, where nothing else is traced."""

@@ -336,61 +336,6 @@ def test_only_frequency_and_angle_matter_to_the_rotation(eps):
     np.testing.assert_allclose(rocking, rocking[0], rtol=100 * eps)
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (
-            lambda: jr.Block(0.4, 5.0, 9.81, 0.99),
-            "inertia_ratio must be finite and at least 1, got",
-        ),
-        (
-            lambda: jr.Block(0.4, 5.0, 9.81, np.inf),
-            "inertia_ratio must be finite and at least 1",
-        ),
-        (
-            lambda: jr.Block.from_parameters(-2.0, 0.2),
-            "frequency_parameter must be finite and gr",
-        ),
-        (
-            lambda: jr.Block.from_parameters(2.0, 1.6),
-            "critical_angle must be between 0 and pi / 2, got 1.6",
-        ),
-        (
-            lambda: jr.Block.from_parameters(2.0, 0.2, 0.0),
-            "gravity must be finite and greater",
-        ),
-        (
-            lambda: jr.Block.from_parameters(2.0, 0.2, 9.81, 0.5),
-            "inertia_ratio must be finite",
-        ),
-        (lambda: jr.Block.from_body(0.3, -1.0, 10.0, 1.0), "centre_height must be finite and"),
-        (
-            lambda: jr.Block.from_body(0.3, 1.0, 0.0, 1.0),
-            "mass must be finite and greater than 0",
-        ),
-        (
-            lambda: jr.Block.from_body(0.3, 1.0, 1.0, -1.0),
-            "inertia_about_centre must be finite",
-        ),
-        (
-            lambda: jr.resonance_spectrum(5.0, 0.8, 0.7, 0.1, inertia_ratio=0.9),
-            "inertia_ratio must be finite and at least 1, got 0.[89]",
-        ),
-        (
-            lambda: jr.rocking_spectrum(jr.Sine(4.0, 0.5), 2.0, 5.0, inertia_ratio=0.9),
-            "inertia_ratio must be finite and at least 1, got 0.[89]",
-        ),
-        (
-            lambda: jr.overturning_map(jr.Sine, [2.0], inertia_ratio=0.9),
-            "inertia_ratio must be finite and at least 1, got 0.[89]",
-        ),
-    ],
-)
-def test_what_no_body_has_is_refused(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()
-
-
 def test_traced_values_that_no_body_has_become_nan():
     def ratio(block):
         return jr.rotation_ratio(jr.Scene(block, 0.7, 0.1))

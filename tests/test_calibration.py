@@ -2,9 +2,7 @@
 
 import re
 
-import jax
 import jax.numpy as jnp
-import jaxtyping
 import mpmath
 import numpy as np
 import pytest
@@ -22,7 +20,6 @@ ANGLE = np.arctan(1 / 5)
 P = np.sqrt(9.81 * np.sin(ANGLE) / (4 / 3 * 0.1))
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
 NAN = float("nan")
-INF = float("inf")
 
 
 def body(half_width, slenderness):
@@ -82,13 +79,6 @@ def true_errors(noise, launch, restitution, count, model="nonlinear", p=P, angle
         inverse = np.linalg.pinv(jacobian / scale)
         errors.append(noise * np.linalg.norm(inverse, axis=1)[2:] / scale[2:])
     return errors[0][0], errors[1]
-
-
-def refuses(message, function, *args, **kwargs):
-    """Whether a call is refused with this message, in one sentence."""
-    with pytest.raises(ValueError, match=message) as error:
-        function(*args, **kwargs)
-    return "\n" not in str(error.value)
 
 
 @pytest.mark.thorough
@@ -502,83 +492,14 @@ def test_another_block(model):
     assert fit_free_rocking(times, BLOCK, model=model).frequency_p_value > 0.01
 
 
-TIMES = impacts(0.9, 0.9, 10)
-PEAKS = peaks_of("nonlinear", ANGLE, launches(0.9, 0.9, 10))
-
-
-@pytest.mark.parametrize(
-    ("times", "block", "options", "message"),
-    [
-        (None, BLOCK, {}, "impact_times or peak_rotations must be given, got neither"),
-        (TIMES[:3], BLOCK, {}, "impact_times must be at least 4 to fit 3 numbers, got 3"),
-        (TIMES[:4], None, {}, "impact_times must be at least 5 to fit 4 numbers, got 4"),
-        (
-            TIMES[:4],
-            BLOCK,
-            {"frequency_known": False},
-            "impact_times must be at least 5 to fit 4 numbers, got 4",
-        ),
-        (
-            None,
-            BLOCK,
-            {"peak_rotations": PEAKS[:2]},
-            "peak_rotations must be at least 3 to fit 2 numbers, got 2",
-        ),
-        (
-            TIMES[[0, 2, 1, 3, 4]],
-            BLOCK,
-            {},
-            "impact_times must increase, got",
-        ),
-        (TIMES[[0, 1, 1, 2, 3]], BLOCK, {}, "impact_times must increase"),
-        ([0, 1, NAN, 2, 3], BLOCK, {}, "impact_times must be finite, got nan"),
-        ([[0, 1], [2, 3]], BLOCK, {}, "impact_times must be one-dimensional, got an array of"),
-        (5.0, BLOCK, {}, "impact_times must be one-dimensional"),
-        (None, BLOCK, {"peak_rotations": [[0.1]]}, "peak_rotations must be one-dimensional"),
-        (
-            TIMES,
-            BLOCK,
-            {"peak_rotations": PEAKS[:-1]},
-            "peak_rotations must be one less than impact_times, 9, got 8",
-        ),
-        (None, BLOCK, {"peak_rotations": [0.1, 0, 0.05]}, "and not 0, or NaN .* got 0"),
-        (None, BLOCK, {"peak_rotations": [0.1, INF, 0.05]}, "and not 0, .* got inf"),
-        (
-            None,
-            None,
-            {"peak_rotations": PEAKS},
-            "block must be given with peak_rotations alone",
-        ),
-        (TIMES, None, {"model": "nonlinear"}, "block must be given for the nonlinear model"),
-        (
-            TIMES,
-            jr.Block(np.array([0.1, 0.2]), 5.0),
-            {},
-            "block must be one block, got several",
-        ),
-        (
-            TIMES,
-            BLOCK,
-            {"time_noise": 0.0},
-            "time_noise must be finite and greater than 0, got 0",
-        ),
-        (TIMES, BLOCK, {"rotation_noise": -1.0}, "rotation_noise must be .* got -1"),
-        (1000 * TIMES, BLOCK, {}, "impact_times must be of a block that rocks freely"),
-        (-TIMES[::-1], BLOCK, {}, "impact_times must be of a"),
-    ],
-)
-def test_bad_measurements(times, block, options, message):
-    assert refuses(message, fit_free_rocking, times, block, **options)
-
-
 @pytest.mark.thorough
 @DOUBLE
 def test_motions_that_are_no_free_rocking():
     growing = np.append(0, np.cumsum(2 / P * np.arctanh(0.3 * 1.1 ** np.arange(9))))
-    assert refuses("^impact_times must be of a", fit_free_rocking, growing, BLOCK)
-    for seed in range(10):
-        times = np.cumsum(np.random.default_rng(seed).exponential(0.4, 12))
-        assert refuses("^impact_times must be of a", fit_free_rocking, times, BLOCK), seed
+    random = [np.random.default_rng(seed).exponential(0.4, 12).cumsum() for seed in range(10)]
+    for times in (growing, *random):
+        with pytest.raises(ValueError, match=r"^impact_times must be of a.*$"):
+            fit_free_rocking(times, BLOCK)
 
 
 @pytest.mark.thorough
@@ -740,63 +661,3 @@ def test_a_table_that_stands_still():
     times = impacts(launch, 0.9, 8, "nonlinear", p, angle)
     free = fit_free_rocking(times, TABLE, model="nonlinear")
     assert abs(float(free.restitution) - float(fit.restitution)) < 4 * error
-
-
-@pytest.mark.parametrize(
-    ("changed", "message"),
-    [
-        ({"parameters": "restitution"}, "parameters must be one or more names, got 'rest"),
-        ({"parameters": ()}, "parameters must be one or more names"),
-        ({"parameters": ("width",)}, "must be different ones of restitution, .* got 'width'"),
-        (
-            {"parameters": ("restitution",) * 2},
-            "must be different ones of .* got 'restitution'",
-        ),
-        ({"time": TIME[:-1]}, "one-dimensional, of one length of at least 2, got shapes"),
-        ({"time": TIME - 1}, "time must be finite and at least 0, got -1"),
-        ({"time": TIME * 0}, "time must increase, got 0 after 0"),
-        ({"time": TIME * NAN}, "time must be finite and at least 0, got nan"),
-        ({"rotation": TIME * NAN}, "rotation must be known at 2 times at least, got 0"),
-        ({"rotation": TIME + INF}, "rotation must be finite, got inf"),
-        ({"rotation": TIME * 0}, "rotation must be of a block that rocks, got 0 everywhere"),
-        (
-            {"rotation": TIME * 0 + 0.1},
-            "rotation must be of a block that rocks, got one without",
-        ),
-        ({"restitution": 1.5}, "restitution must be .* got 1.5"),
-        ({"initial_rotation": NAN}, "initial_rotation must be finite, got nan"),
-        ({"initial_velocity": INF}, "initial_velocity must be finite, got inf"),
-        ({"rotation_noise": 0.0}, "rotation_noise must be finite and greater than 0, got 0"),
-    ],
-)
-@DOUBLE
-def test_bad_driven_tests(changed, message):
-    rotation = 0.05 * np.exp(-TIME) * np.sin(4 * TIME)
-    given = {"time": TIME, "rotation": rotation, "block": TABLE, "motion": SINE} | changed
-    assert refuses(message, fit_driven_rocking, **given)
-
-
-def test_arguments_of_another_kind():
-    wrong = (
-        lambda: fit_free_rocking(TIMES, [0.1, 5.0]),
-        lambda: fit_free_rocking(TIMES, BLOCK, time_noise=jnp.full(2, 1e-3)),
-        lambda: fit_free_rocking(TIMES, BLOCK, model="cubic"),
-        lambda: fit_driven_rocking(TIME, TIME, 3.0, SINE),
-        lambda: fit_driven_rocking(TIME, TIME, TABLE, [0.0, 1.0]),
-    )
-    for call in wrong:
-        with pytest.raises((ValueError, jaxtyping.TypeCheckError)):
-            call()
-
-
-def test_fits_are_made_outside_of_jit_and_vmap():
-    for call in (
-        jax.jit(lambda t: fit_free_rocking(t, BLOCK).restitution),
-        jax.jit(lambda a: fit_free_rocking(None, BLOCK, peak_rotations=a).restitution),
-        jax.jit(lambda t: fit_free_rocking(TIMES, jr.Block(0.1, t[0])).restitution),
-        jax.jit(lambda t: fit_free_rocking(TIMES, BLOCK, time_noise=t[0]).restitution),
-        jax.grad(lambda t: fit_free_rocking(t, BLOCK).restitution),
-        lambda t: jax.vmap(lambda row: fit_free_rocking(row, BLOCK).restitution)(t[None]),
-        jax.jit(lambda t: fit_driven_rocking(TIME, TIME, TABLE, SINE, t[0]).restitution),
-    ):
-        assert refuses("arguments must be concrete here", call, jnp.asarray(TIMES))

@@ -219,14 +219,3 @@ def test_a_single_driven_scene():
     found = jr.respond_batch(scene.block, 0.9, scene.motion, rtol=choice.setting.rtol)
     assert apart(found.peak_rotation, truth.peak_rotation) <= choice.error <= 1e-3
     assert jr.respond_within(scene.block, 0.9, scene.motion, 1e-3).response.impacts.shape == ()
-
-
-def test_bad_input():
-    wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
-    driven = jr.DrivenScene(wall.block, 0.7, jr.Sine(3.0, 0.5))
-    with pytest.raises(ValueError, match="tolerance must be finite and greater than 0, got 0"):
-        jr.choose(wall, 0.0)
-    with pytest.raises(ValueError, match="shape goes with a Scene"):
-        jr.choose(driven, 1e-3, jr.HalfSine)
-    with pytest.raises(ValueError, match="restitution must be between 0 and 1, got 2"):
-        jr.DrivenScene(wall.block, 2.0, jr.Sine(3.0, 0.5))

@@ -1,11 +1,10 @@
 """Worker processes, and stores that are continued: whatever is killed, the same bits in the end."""
 
-import errno
 import contextlib
+import errno
 import functools
 import json
 import os
-import re
 import signal
 import subprocess
 import sys

@@ -101,29 +101,3 @@ def test_of_a_pulse_it_is_the_amplitude():
         ).value[0]
     )
     assert traced(5.0) == pytest.approx(float(factor.value[0]), rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (
-            lambda: uplift_factor(BLOCK, jr.Sine(np.array([1.0, 2.0]), 0.5)),
-            r"motion must be a single one, got an array of shape \(2,\)",
-        ),
-        (
-            lambda: uplift_factor(BLOCK, jr.Record(np.ones((2, 50)), 0.1)),
-            r"motion must be a single one, got an array of shape \(2, 50\)",
-        ),
-        (
-            lambda: critical_factor(BLOCK, 0.9, jr.Record(np.zeros(9), 0.1)),
-            "motion must lift the block with some factor, got one that never does",
-        ),
-        (
-            lambda: critical_factor(BLOCK, 0.9, record(), (3.0, 2.0)),
-            "ratios must be two increasing positive numbers",
-        ),
-    ],
-)
-def test_what_is_refused(call, message):
-    with pytest.raises(ValueError, match=message):
-        call()

@@ -156,8 +156,6 @@ def test_released_on_still_ground():
     first = float(np.arccosh(1 / share) / p)
     times = first + np.append(0, np.cumsum(2 / p * np.arctanh(launch[:2])))
     np.testing.assert_allclose(response.impact_times[:3], times, rtol=1e-11)
-    with pytest.raises(ValueError, match="duration must be given for still ground"):
-        jr.respond(block, c, jr.Still(), rotation=tilt)
 
 
 def follow_with_scipy(rocker, jump, times, intensities, samples):

@@ -375,24 +375,6 @@ def test_traced_arguments_out_of_range_give_nan():
     assert float(value) > 0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((1.1, 3.0, 14.0), "restitution must be between 0 and 1, got 1.1"),
-        ((0.9, -3.0, 14.0), "amplitude must be finite and at least 0, got -3"),
-        ((0.9, 3.0, 0.0), "frequency must be finite and greater than 0, got 0"),
-    ],
-)
-def test_bad_arguments(arguments, words):
-    with pytest.raises(ValueError, match=words):
-        harmonic_orbit(BLOCK, *arguments)
-
-
-def test_bad_frequency_of_limits():
-    with pytest.raises(ValueError, match="frequency must be finite"):
-        least_harmonic_amplitude(BLOCK, 0.9, np.inf)
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("model", MODELS)
 def test_shapes_and_transformations(model):

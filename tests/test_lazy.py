@@ -10,7 +10,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 import xarray
-from tables.grids import AXES, BLOCK, GRIDS, record, same_bits, suite
+from tables.grids import AXES, GRIDS, record, same_bits, suite
 from tools.selection import some_by_default
 
 import jaxrock as jr
@@ -122,8 +122,6 @@ def test_a_map_lists_what_there_is():
     same_bits(lazy.compute().isel(boundary=slice(3)), found)
     listed = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9, max_boundaries=2)
     same_bits(listed, found.isel(boundary=slice(2)))
-    with pytest.raises(ValueError, match="max_boundaries must be at least 1, got 0"):
-        jr.overturning_map(jr.Sine, [0.5, 4.0], max_boundaries=0)
 
 
 def test_factors_are_those_on_the_motion():
@@ -135,71 +133,6 @@ def test_factors_are_those_on_the_motion():
         for name in alone:
             values = found[name].sel(factor=factor).values
             assert values.tobytes() == alone[name].values.tobytes()
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (
-            {"chunks": "all"},
-            r"chunks must be \"auto\" or lengths by dimension, .*'slenderness': 50",
-        ),
-        ({"chunks": {"size": 2}}, "dimensions slenderness, width, restitution, got 'size'"),
-        (
-            {"chunks": {"intensity": 1}},
-            "dimensions slenderness, width, restitution, got 'intens",
-        ),
-        ({"chunks": {"width": 0}}, "chunks of width must be a length from 1 on, .* got 0"),
-        ({"chunks": {"width": -2}}, "chunks of width must be a length from 1 on, .* got -2"),
-        ({"chunks": {"width": (1, 1)}}, r"add up to 3, got \(1, 1\)"),
-        ({"chunks": "auto", "store": "file.nc"}, "store goes without chunks: .* write_zarr"),
-        ({"chunks": "auto", "devices": [None]}, "devices goes without chunks"),
-        ({"chunks": "auto", "width": -1.0}, "width must be finite and greater than 0, got -1"),
-    ],
-)
-def test_what_is_wrong_is_said_at_once(options, message):
-    grid = dict(zip(("slenderness", "width", "restitution"), AXES, strict=True))
-    with pytest.raises(ValueError, match=message):
-        jr.resonance_spectrum(**grid | {"intensity": 0.15} | options)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (
-            lambda **c: jr.overturning_spectrum(jr.Sine, 1.0, 2.0, restitution=1.5, **c),
-            "restitu",
-        ),
-        (
-            lambda **c: jr.overturning_map(jr.Sine, 1.0, restitution=1.5, **c),
-            "restitution must",
-        ),
-        (
-            lambda **c: jr.overturning_map(jr.Sine, 1.0, (9.0, 1.0), **c),
-            "ratios must be two incr",
-        ),
-        (
-            lambda **c: jr.overturning_map(jr.Sine, 1.0, resolution=-1.0, **c),
-            "resolution must be",
-        ),
-        (
-            lambda **c: jr.fragility(BLOCK, 1.5, suite(), [0.1], **c),
-            "restitution must be between",
-        ),
-        (
-            lambda **c: jr.fragility(BLOCK, 0.8, suite(), [0.1], tolerance=-1.0, **c),
-            "tolerance mu",
-        ),
-    ],
-)
-def test_nothing_wrong_reaches_a_worker(make, message):
-    with pytest.raises(ValueError, match=message):
-        make(chunks="auto")
-
-
-def test_several_motions_are_a_suite():
-    with pytest.raises(ValueError, match="motion must be a single one, or a suite of these"):
-        jr.rocking_spectrum(jr.Sine(np.array([3.0, 4.0]), 0.5), [1.0, 2.0], 5.0)
 
 
 def test_what_goes_wrong_in_a_task_comes_back(monkeypatch):

@@ -1,6 +1,5 @@
 """Local dependence: its interval against both outcomes, its derivatives against differences."""
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -225,41 +224,3 @@ def test_the_boundary_is_the_critical_amplitude():
     assert local.factor_high == pytest.approx(float(critical) / 3.7, rel=1e-9)
     assert np.isnan(local.factor_low)
     assert not local.meaningful
-
-
-@pytest.fixture
-def as_users_have_it():
-    """Without the types that the tests check, which would answer before the package does."""
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
-
-
-@pytest.mark.usefixtures("as_users_have_it")
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"uncertain": {"width": 0.1}}, "uncertain must be a Uncertain"),
-        ({"uncertain": jr.Uncertain({})}, "must have a coefficient greater than 0, got none"),
-        (
-            {"uncertain": jr.Uncertain({"width": 0.0})},
-            "must have a coefficient greater than 0",
-        ),
-        ({"uncertain": jr.Uncertain({"duration": 0.1})}, "has 'duration', which is none of"),
-        ({"answer": "impacts"}, "answer must be one of rotation_ratio, peak_rotation, margin"),
-        ({"answer": 3}, "answer must be one of rotation_ratio, peak_rotation, margin, got 3"),
-        ({"scale": 0.0}, "scale must be finite and greater than 0"),
-        ({"block": jr.Block(np.array([0.1, 0.2]), 5.0)}, r"got arrays of shape \(2,\)"),
-        ({"motion": jr.Suite([jr.Record([0.0, 1.0, 0.0], 0.1)])}, "motion must be a Pulse"),
-        ({"restitution": 1.2}, "restitution must be between 0 and 1"),
-    ],
-)
-def test_questions_that_are_refused(change, words):
-    question = {
-        "block": SLIM,
-        "restitution": 0.8,
-        "motion": jr.Record([0.0, 1.0, 0.0], 0.1),
-        "uncertain": jr.Uncertain({"width": 0.05}),
-    }
-    with pytest.raises(ValueError, match=words):
-        jr.sensitivity.local_dependence(**question | change)

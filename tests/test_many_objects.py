@@ -196,27 +196,3 @@ def test_dispersion_is_split_by_its_causes():
     assert float(uncertain.dispersion_of_parameters[0]) == pytest.approx(
         np.std(verges), rel=0.1
     )
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"names": ["a", "b"]}, "names must be one for each of 3 objects, got 2"),
-        ({"names": ["a", "b", "a"]}, "names must differ, got 'a' twice"),
-        (
-            {"block": jr.Block(0.2, 4.0), "restitution": 0.8, "names": ["a"]},
-            "names go with arrays of blocks",
-        ),
-        ({"restitution": np.array([0.8, 0.9])}, r"that broadcast, got .*\(3,\).*\(2,\)"),
-        ({"restitution": np.array([0.8, 0.9, 1.1])}, "restitution must be between 0 and 1"),
-        (
-            {"block": jr.Block(np.zeros(0) + 1, 4.0), "restitution": 0.8},
-            "at least one object",
-        ),
-    ],
-)
-def test_objects_that_are_refused(change, message):
-    arguments = {"block": BLOCKS, "restitution": RESTITUTIONS} | change
-    with pytest.raises(ValueError, match=message) as error:
-        jr.fragility(**arguments, suite=pulses(4), levels=[1.0])
-    assert "\n" not in str(error.value)

@@ -223,13 +223,3 @@ def test_both_overturning_costs_nothing():
     over = jr.model_error(jr.Scene(jr.Block(0.4, 5.0), 0.7, 1.0))
     assert over.linearization.rotation_ratio == 0
     assert isinstance(over.total("linearized", 64), Answers)
-
-
-def test_bad_input():
-    wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
-    with pytest.raises(ValueError, match="shape must be Rectangular or HalfSine"):
-        jr.model_error(wall, jr.Sine, 0.1)
-    with pytest.raises(ValueError, match="shape must be given with a duration"):
-        jr.model_error(wall, duration=0.1)
-    with pytest.raises(ValueError, match="duration must be finite and at least 0"):
-        jr.model_error(wall, jr.HalfSine, -0.1)

@@ -97,33 +97,3 @@ def test_answers_have_the_precision_that_was_given(kind):
 def test_several_records_at_once():
     record = jr.Record(jnp.asarray([[0.0, 1.0, 2.0], [3.0, 3.0, 0.0]]), 0.1)
     np.testing.assert_allclose(record.horizontal(0.15), [1.5, 1.5], rtol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: jr.Sine(jnp.nan, 1.0), "amplitude must be finite, got nan"),
-        (lambda: jr.Sine(1.0, 0.0), "duration must be finite and greater than 0"),
-        (lambda: jr.Sine(1.0, 1.0).shifted(-1.0), "start must be finite and at least 0"),
-        (lambda: jr.Record([1.0], 0.1), "at least two samples"),
-        (lambda: jr.Record([], 0.1), "at least two samples"),
-        (
-            lambda: jr.Record(np.zeros((0, 10)), 0.1),
-            r"acceleration must not be empty, .* \(0, 10\)",
-        ),
-        (lambda: jr.Record(np.zeros((3, 0, 2)), 0.1), "acceleration must not be empty"),
-        (
-            lambda: jr.Record([1.0, 2.0], np.zeros(0)),
-            r"time_step must not be empty, .* \(0,\)",
-        ),
-        (lambda: jr.Record([1.0, 2.0], 0.1, np.zeros((0, 2))), "vertical must not be empty"),
-        (lambda: jr.Record([1.0, 2.0], 0.1, scale=np.zeros(0)), "scale must not be empty"),
-        (lambda: jr.Record([1.0, 2.0], 0.1, start=np.zeros(0)), "start must not be empty"),
-        (lambda: jr.Record([1.0, jnp.inf], 0.1), "acceleration must be finite"),
-        (lambda: jr.Record([1.0, 2.0], 0.0), "time_step must be finite and greater than 0"),
-        (lambda: jr.Record([1.0, 2.0], 0.1, [1.0]), "as many samples as acceleration, 2"),
-    ],
-)
-def test_bad_input(make, words):
-    with pytest.raises(ValueError, match=words):
-        make()

@@ -115,38 +115,6 @@ def test_what_is_uncertain_is_a_value():
     )
 
 
-@pytest.mark.parametrize(
-    ("coefficients", "options", "message"),
-    [
-        (
-            {"width": -0.1},
-            {},
-            "coefficients_of_variation of width must be finite and at least",
-        ),
-        ({"width": "wide"}, {}, "coefficients_of_variation of width must be a real number"),
-        ({"width": [[0.1]]}, {}, r"of width must be one number, .* got an array of shape"),
-        ({}, {"samples": 48}, "samples must be a power of 2, got 48"),
-        ({}, {"seed": -1}, "seed must be a whole number from 0 on, got -1"),
-        ({"hight": 0.1}, {}, "coefficients_of_variation has 'hight'.*did you mean 'height'"),
-        ({"width": 0.1, "half_width": 0.1}, {}, "must have width and height, or half_width"),
-        (
-            {"width": [0.1, 0.2]},
-            {},
-            "of width must be one number, or one for each object, got",
-        ),
-        (
-            {"inertia_ratio": 0.3},
-            {},
-            "must leave inertia_ratio at 1 or more, got samples down",
-        ),
-        ({"restitution": 0.9}, {}, "coefficient of variation of restitution must be at most"),
-    ],
-)
-def test_what_cannot_be_uncertain(coefficients, options, message):
-    with pytest.raises(ValueError, match=message):
-        jr.Uncertain(coefficients, **options).draw(BLOCK, 0.8)
-
-
 @float64
 def test_slopes_of_a_share_are_those_of_its_closed_form():
     """Of the share with which a product of a lognormal and a logit-normal number is large."""
@@ -401,32 +369,6 @@ def test_pulses_and_noise():
         response.overturned | (response.peak_rotation > 0.5 * BLOCK.critical_angle)
     )
     assert found.probability[1] == large.mean()
-
-
-@pytest.mark.parametrize(
-    ("coefficients", "change", "words"),
-    [
-        ({"size": 0.1}, {}, "variation has 'size', which is none of half_width"),
-        ({"duration": 0.1}, {}, "variation has 'duration', which is none of"),
-        ({"width": 0.1, "slenderness": 0.1}, {}, "got width and slenderness"),
-        ({"width": 0.0}, {}, "variation must be finite and greater than 0"),
-        ({}, {}, "uncertain must name at least one parameter"),
-        ({"inertia_ratio": 0.3}, {}, "leave inertia_ratio at 1 or more"),
-        ({"width": [0.1, 0.2]}, {}, "width must be one number here, got 2 of them"),
-        ({"width": 0.1}, {"ratio": 0.0}, "ratio must be finite and greater"),
-        ({"width": 0.1}, {"confidence": 1.0}, "confidence must be a number between 0 and 1"),
-        (
-            {"width": 0.1},
-            {"block": jr.Block(np.array([0.1, 0.2]), 5.0)},
-            "single ones, got arrays",
-        ),
-    ],
-)
-def test_bad_questions(coefficients, change, words):
-    record = jr.Record([0.0, 3.0, 0.0], 0.1)
-    arguments = {"block": BLOCK, "restitution": 0.8, "motion": record} | change
-    with pytest.raises(ValueError, match=words):
-        jr.sensitivity.outcome_probabilities(uncertain=jr.Uncertain(coefficients), **arguments)
 
 
 @pytest.mark.thorough

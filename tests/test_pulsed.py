@@ -257,10 +257,6 @@ def test_no_phase_and_no_motion():
     assert rest.rotation_ratio == 0
     assert over.overturns
     assert rest.settles
-    with pytest.raises(ValueError, match="restitution must be between 0 and 1"):
-        jr.pulsed_phase(BLOCK, 1.5, half_sine(0.1))
-    with pytest.raises(ValueError, match=r"rtol must be greater than 0 and at most 0\.001"):
-        jr.pulsed_phase(BLOCK, C, half_sine(0.1), rtol=0.5)
 
 
 @pytest.mark.thorough
@@ -358,11 +354,6 @@ def test_so_many_pulses_that_just_overturn():
             block, 0.8, jr.HalfSine, 0.1, half_cycles=n
         ).amplitude
 
-    for wrong in (0, 2.5):
-        with pytest.raises(ValueError, match=f"from 1 to 1000000, or inf, got {wrong}"):
-            counted(wrong)
-    with pytest.raises(ValueError, match="got a traced value"):
-        jax.jit(counted)(3.0)
     single = jr.critical_amplitude(block, 0.8, jr.HalfSine, 0.1)
     assert found[0] == pytest.approx(float(single.value[0]), rel=1e-9)
 

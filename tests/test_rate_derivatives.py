@@ -121,8 +121,6 @@ def test_elasticities_in_closed_form():
         assert float(answer.over_change[k]) == pytest.approx(exact, abs=2e-3)
         assert float(answer.at_point[k]) == pytest.approx(exact, rel=0.01)
     assert float(answer.over_change[-1]) == 0
-    with pytest.raises(ValueError, match=r"greater than 0 and less than 0\.5, got 1"):
-        jr.risk.rate_elasticities(jr.Block(*SHAPE[:2]), 0.85, site, change=1.0)
 
 
 @SLOW

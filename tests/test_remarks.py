@@ -5,7 +5,6 @@ import warnings
 from types import SimpleNamespace
 
 import jax
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -105,23 +104,6 @@ def test_a_record_in_another_unit(unit, factor):
     traced = jax.jit(lambda a: jr.Record(a, 0.1, unit=unit).acceleration)(samples)
     np.testing.assert_allclose(traced, record.acceleration, rtol=1e-6)
     assert not hasattr(record, "unit")
-
-
-def test_a_unit_that_is_none():
-    with pytest.raises(ValueError, match=r"unit must be one of 'm/s2', .*, got 'mm'"):
-        jr.Record([0.0, 1.0], 0.1, unit="mm")
-    with pytest.raises(ValueError, match="acceleration must be finite"):
-        jr.Record([0.0, 1e308, np.inf], 0.1, unit="g")
-
-
-def test_a_unit_beside_one_that_the_samples_carry(monkeypatch):
-    # The types that tests check take no quantities.
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    carries = type("Quantity", (), {"units": "m/s2"})()
-    with pytest.raises(ValueError, match="unit must be left out if acceleration carries one"):
-        jr.Record(carries, 0.1, unit="g")
-    with pytest.raises(ValueError, match="unit must be left out if vertical carries one"):
-        jr.Record([0.0, 1.0], 0.1, carries, unit="g")
 
 
 def test_sizes_that_are_hardly_meant_in_metres():

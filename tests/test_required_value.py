@@ -3,7 +3,6 @@
 import sys
 
 import jax
-import jaxtyping
 import mpmath
 import numpy as np
 import pytest
@@ -252,37 +251,3 @@ def test_under_a_hazard_with_zeros():
         return np.where(places < np.log(6.0), in_logarithms, falling).mean()
 
     assert rate(float(found.value) * 1.01) < 3e-5 < rate(float(found.value) * 0.98)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"along": "mass"}, "along must be one of width, height, .*, got 'mass'"),
-        ({"bounds": (1.0, 0.5)}, "bounds must be a lower and a higher value, got 1.0 and 0.5"),
-        ({"bounds": (0.0, 0.5)}, "bounds must be finite and greater than 0, got 0"),
-        ({"bounds": (0.5,)}, "bounds must be two, a lower and an upper one, got 1"),
-        ({"target": 0.0}, "target must be finite and greater than 0, got 0"),
-        ({"site": pulses(4)}, "site must be a Site, got a Suite"),
-        ({"side": "left"}, "side must be one of above, below, got 'left'"),
-        ({"resolution": 0.5}, "resolution must be at least 1e-6 and less than 0.1, got 0.5"),
-        ({"resolution": 1e-17}, "resolution must be at least 1e-6 and less than 0.1"),
-        (
-            {"target": np.array([1e-5, 2e-5])},
-            "single ones, or one for each object, got shapes",
-        ),
-    ],
-)
-def test_what_is_refused(monkeypatch, change, message):
-    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    arguments = {"site": site_of_pulses(4), "target": TARGET, "bounds": BOUNDS} | change
-    with pytest.raises(ValueError, match=message) as error:
-        jr.required_value(CABINET, 0.85, **arguments)
-    assert "\n" not in str(error.value)
-
-
-def test_not_under_jit():
-    site = site_of_pulses(4)
-    with pytest.raises(ValueError, match="arguments must be concrete here"):
-        jax.jit(lambda c: jr.required_value(CABINET, c, site, TARGET, "width", BOUNDS).value)(
-            0.8
-        )

@@ -517,29 +517,6 @@ def test_the_shortest_pulses():
     assert float(peaks[1] / peaks[0]) == pytest.approx(1e-4, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"restitution": 1.1}, "restitution must be between 0 and 1, got 1.1"),
-        ({"duration": 0.0}, "duration must be finite and greater than 0, got 0"),
-        ({"rtol": 1e-17}, "rtol must be less than 1 and at least"),
-        ({"atol": -1.0}, "atol must be at least 0"),
-        ({"max_impacts": -1}, "max_impacts must be a whole number"),
-        ({"restitution": np.array([0.5, 0.6])}, "restitution must be scalar here"),
-        ({"block": jr.Block(np.array([0.3, 0.4]), 4.0)}, "block must be scalar here"),
-    ],
-)
-def test_bad_input(change, words):
-    arguments = {
-        "block": jr.Block(0.3, 4.0),
-        "restitution": 0.9,
-        "motion": jr.Sine(3.0, 0.5),
-        "duration": 2.0,
-    } | change
-    with pytest.raises(ValueError, match=words):
-        jr.respond(**arguments)
-
-
 @pytest.mark.thorough
 def test_float32():
     with (

@@ -144,26 +144,6 @@ def test_table(tmp_path):
         np.testing.assert_allclose(float(row["period [s]"]), value, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"slenderness": []}, r"slenderness must be .* got an array of shape \(0,\)"),
-        ({"width": np.array([[0.4]])}, r"width must be .* got an array of shape \(1, 1\)"),
-        (
-            {"width": [0.4, -1]},
-            r"width must be finite and greater than 0, got -1 \(first of 1",
-        ),
-        ({"restitution": 1.5}, "restitution must be between 0 and 1, got 1.5"),
-        ({"intensity": np.nan}, "intensity must be finite and at least 0, got nan"),
-        ({"gravity": 0.0}, "gravity must be finite and greater than 0, got 0"),
-        ({"restitution": [0.6, 0.7, 0.6]}, "restitution must not have a value twice, got 0.6"),
-    ],
-)
-def test_bad_grids(wrong, message):
-    with pytest.raises(ValueError, match=message):
-        jr.resonance_spectrum(**(GRID | wrong))
-
-
 def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("broken")

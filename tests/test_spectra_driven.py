@@ -59,23 +59,6 @@ def test_chunks_change_nothing(monkeypatch):
     assert whole.identical(parts)
 
 
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda m: jr.rocking_spectrum(m, 2.0), "slenderness or critical_angle must be given"),
-        (
-            lambda m: jr.rocking_spectrum(m, -2.0, 4.0),
-            "period must be finite and greater than 0",
-        ),
-        (lambda m: jr.rocking_spectrum(m, 2.0, critical_angle=2.0), "critical_angle must be"),
-        (lambda m: jr.overturning_spectrum(jr.Sine, 0.0, 2.0), "frequency_ratio must be"),
-    ],
-)
-def test_bad_input(make, words):
-    with pytest.raises(ValueError, match=words):
-        make(jr.Sine(3.0, 0.5))
-
-
 @pytest.mark.float64
 @pytest.mark.thorough
 def test_each_block_at_its_tolerance():

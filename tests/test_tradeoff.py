@@ -67,16 +67,6 @@ def test_plot(tmp_path):
 
 
 @pytest.mark.thorough
-def test_bad_input():
-    with pytest.raises(ValueError, match="scene must be a single one"):
-        jr.accuracy.measure_tradeoff(jr.Scene(jr.Block(np.array([0.4, 0.5]), 5.0), 0.7, 0.15))
-    with pytest.raises(ValueError, match="repeats must be at least 1, got 0"):
-        jr.accuracy.measure_tradeoff(repeats=0)
-    with pytest.raises(ValueError, match="in which the block rocks and stands"):
-        jr.accuracy.measure_tradeoff(jr.Scene(jr.Block(0.4, 5.0), 0.7, 5.0))
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("resonance", [False, True])
 def test_measured(resonance):
     """Errors do not depend on the machine: five orders between the ends, defaults as said."""

@@ -342,33 +342,3 @@ def test_timing_that_did_not_converge_is_nan(monkeypatch):
     )
     monkeypatch.setattr(timing, "_MAX_CORRECTIONS", 1)
     assert all(math.isnan(cost) for cost in timing.timing_costs(block, 0.7, 3).values())
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"count": 0}, "count must be at least 1"),
-        ({"goal": "most rotation"}, "largest must be given"),
-        ({"largest": 1.0}, "largest must be given"),
-        (
-            {"spacing": 1.0, "latest": 2.0, "count": 4},
-            "contradict each other: 4 pulses 1 s apart",
-        ),
-        ({"impacts_between": 9}, "impacts_between must be from 0 to 3"),
-        ({"restitution": 2.0}, "restitution must be between 0 and 1"),
-    ],
-)
-def test_bad_input(change, words):
-    arguments = {"block": jr.Block(0.4, 4.0), "restitution": 0.7, "count": 3}
-    with pytest.raises(ValueError, match=words):
-        jr.worst_train(**(arguments | change))
-
-
-def test_bad_trains():
-    block = jr.Block(0.4, 4.0)
-    with pytest.raises(ValueError, match="times must not decrease"):
-        jr.respond_to_train(block, 0.7, [1.0, 0.5], [0.1, 0.1])
-    with pytest.raises(ValueError, match="two lists of one length"):
-        jr.respond_to_train(block, 0.7, [1.0], [0.1, 0.1])
-    with pytest.raises(ValueError, match="count must be at least 2"):
-        jr.resonance.timing_costs(block, 0.7, 1)
