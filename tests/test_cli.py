@@ -188,6 +188,16 @@ def test_help(capsys, name):
         assert sum(word.isalpha() and word.islower() for word in described.split()) > 1, option
 
 
+def test_help_is_grouped_and_hides_what_is_none(capsys):
+    _, text, _ = run(capsys, "critical", "--help")
+    titles = re.findall(r"^╭─ ([A-Za-z ]+) ─", text, re.M)
+    assert titles == ["Parameters", "Block", "Ground motion", "Output"]
+    assert "None" not in text
+    assert "--width FLOAT" in text.partition("─ Block")[2].partition("─ Ground motion")[0]
+    assert "Full width 2b of the base [m]" in text
+    assert max(map(len, text.splitlines())) <= 100
+
+
 def test_gravity_reaches_the_answers(capsys, tmp_path):
     for size in (("--height", 4), ("--slenderness", 5)):
         _, out, _ = run(capsys, "assess", *size, "--gravity", 1.62, "--json")

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jaxrock.ground_motion import example_record, from_obspy, read_record
+from jaxrock.ground_motion import example_record, from_obspy, read_record, read_suite
 
 G = 9.80665
 TITLE = "PEER STRONG MOTION DATABASE RECORD\nSAN FERNANDO 02/09/71, PACOIMA DAM, UNIT 1, 164\n"
@@ -568,3 +568,13 @@ def test_reading_needs_nothing_heavy():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert not {"pandas", "obspy", "xarray"} & set(done.stdout.split())
+
+
+def test_one_column_needs_no_name(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("# recorded somewhere\n0.5\n-1\n2\n")
+    record = read_record(path, unit="m/s2", time_step=0.01)
+    assert record.acceleration.tolist() == [0.5, -1, 2]
+    assert read_suite([path], unit="m/s2", time_step=0.01)[0].samples == 3
+    path.write_text("# dt = 0.02 s, in m/s2\n0.5\n-1\n")
+    assert read_record(path).time_step == 0.02

@@ -14,10 +14,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         With 2 for a command that is not allowed or cannot be done, 130 after Ctrl-C, and with
         what the answer of the command says.
     """
-    try:
-        # Imported here, so that Ctrl-C is answered while JAX is imported, which takes a second.
-        from .application import run_command
+    handler = signal.getsignal(signal.SIGINT)
+    if arguments is None and handler is signal.default_int_handler:
+        # While JAX is imported, which takes a second, Ctrl-C ends the process at once: raised
+        # amid its libraries, an exception is told in many lines.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from .application import run_command
 
+    try:
+        if arguments is None:
+            signal.signal(signal.SIGINT, handler)
         code = run_command(sys.argv[1:] if arguments is None else arguments)
     except KeyboardInterrupt:
         print("jaxrock: interrupted", file=sys.stderr)

@@ -7,7 +7,6 @@ import contextlib
 import gc
 import logging
 import os
-import signal
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
@@ -127,9 +126,9 @@ def _print(answer: Answer) -> int:
         with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         # As in `jaxrock ... | head`: the reader has enough, which is no error. The exit code
-        # is the one of a program that SIGPIPE ends; Python ignores that signal.
+        # is the one of a program that SIGPIPE ends, which Python ignores: 128 plus 13.
         if isinstance(error, BrokenPipeError):
-            return 128 + signal.SIGPIPE
+            return 141
         raise ValueError(f"standard output cannot be written to: {error.strerror}") from error
     return answer.code
 

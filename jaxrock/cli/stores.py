@@ -54,7 +54,11 @@ def write_store(
             with _shield_from_interrupts():
                 # Whatever goes wrong is said once, below, and not by each worker.
                 cluster = stack.enter_context(
-                    local_cluster(options.workers, silence_logs=logging.CRITICAL)
+                    local_cluster(
+                        options.workers,
+                        silence_logs=logging.CRITICAL,
+                        dashboard_address=":0",  # any port that is free
+                    )
                 )
             # The client is closed before the cluster that it belongs to.
             client = stack.enter_context(Client(cluster))
