@@ -137,7 +137,7 @@ def test_constant_frequencies_below_uplift():
     floor = jr.Harmonic(np.full(phase.shape, 0.3 * UPLIFT), frequency, cycles=50)
     launched = np.full(phase.shape, launch)
     batch = Batch.of(BLOCK, np.asarray(C), floor, velocity=launched)
-    peak = follow_batch(batch.advanced(phase / frequency), jr.Nonlinear()).peak_rotation / ANGLE
+    peak = follow_batch(batch.advance(phase / frequency), jr.Nonlinear()).peak_rotation / ANGLE
     assert_said(f"from {ratio:.3f} of the critical angle to {peak.max():.3f} at most")
 
 
