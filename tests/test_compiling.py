@@ -467,6 +467,15 @@ def test_batches_of_all_sizes_take_one_program(compiled):
     assert compiled == []
 
 
+def test_blocks_in_motion_take_the_same_program(compiled):
+    jr.respond_batch(block(0), 0.9, pulses(0), 3.0)
+    jr.respond_batch(block(0), 0.9, record(), 3.0)
+    compiled.clear()
+    for motion in (pulses(0), record()):
+        jr.respond_batch(block(1), 0.9, motion, 3.0, rotation=0.1, velocity=np.zeros(5))
+    assert compiled == []
+
+
 @pytest.mark.thorough
 def test_pulses_of_all_shapes_take_two_programs(compiled):
     """One for those made of sines, and one for the wavelet."""

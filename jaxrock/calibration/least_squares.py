@@ -64,6 +64,7 @@ def minimize(
     # A set is in one of these states; every turn of the loop moves each of those in `places`.
     #
     # state     | how it is told                                 | what happens next
+    # ----------|------------------------------------------------|-----------------------------
     # searching | an undamped step would still lower the sum     | it tries a damped step
     # better    | the trial has a lower sum of squares           | it goes there
     #           | ... and by at least 0.9 of what was expected   | and damping falls to a tenth

@@ -299,7 +299,7 @@ def _classify_orbits(
         launch = np.asarray(orbit.launch_velocity).flat[unstable]
         batch = Batch.of(block, restitution, motion, velocity=(1 + _DISTURBANCE) * launch)
         # Launched at its phase of the first period.
-        launched = batch.advanced(np.mod(phase, 2 * np.pi) / np.asarray(motion.frequency))
+        launched = batch.advance(np.mod(phase, 2 * np.pi) / np.asarray(motion.frequency))
         peaks.flat[unstable] = follow_batch(launched, model).peak_rotation
         region.flat[unstable] = 2
     return region, peaks

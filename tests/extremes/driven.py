@@ -24,7 +24,7 @@ BOUNDS = {
     ("respond", "float64"): {"value": 1e-8, "gradient": 1e-6, "Hessian": 1e-4},
     ("respond", "float32"): {"value": 1e-3, "gradient": 1e-2},
     ("respond_batch", "float64"): {"value": 1e-7, "gradient": 1e-6, "Hessian": 1e-4},
-    ("respond_batch", "float32"): {"value": 1e-3, "gradient": 1e-2},
+    ("respond_batch", "float32"): {"value": 1e-3, "gradient": 2e-2},
 }
 # By how much the push that just lifts exceeds the one that does not.
 JUST = {"float64": 1e-9, "float32": 1e-4}

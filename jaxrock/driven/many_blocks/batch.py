@@ -14,7 +14,7 @@ from ...ground_motion import Motion, Suite
 from ...validation import Number, choose_namespace, is_traced
 from .ground_input import HostNumbers, HostReals
 from .ground_motions import GroundMotions, convert_motion
-from .step import BatchArguments
+from .prepared_blocks import BatchArguments
 
 
 class Batch(eqx.Module):
@@ -53,7 +53,8 @@ class Batch(eqx.Module):
     ) -> "Batch":
         """Make the batch, to be simulated to the end of the motion or for a duration.
 
-        At rest at time 0, unless rotation or velocity are given. The answers have as many `axes` at least, behind the axis of the records of a suite.
+        At rest at time 0, unless rotation or velocity are given. The answers have as many `axes`
+        at least, behind the axis of the records of a suite.
         """
         numbers = block, restitution, duration, rotation, velocity
         leaves = jax.tree.leaves((numbers, motion))
@@ -75,7 +76,7 @@ class Batch(eqx.Module):
                 axes = max(axes, np.ndim(motion.records[0].scale))
             ground = convert_motion(convert(motion), axes, grouped=namespace is np)
             if namespace is jnp:
-                # Only `advanced` may lead to a start before time 0; NaN is not valid.
+                # Only `advance` may lead to a start before time 0; NaN is not valid.
                 start = jnp.where(ground.start >= 0, ground.start, jnp.nan)
                 ground = ground.replace_numbers(ground.numbers._replace(start=start))
         zero = np.zeros((), dtype)
@@ -152,7 +153,7 @@ class Batch(eqx.Module):
             ground=self.ground.scaled(factor),
         )
 
-    def advanced(self, time: HostNumbers) -> "Batch":
+    def advance(self, time: HostNumbers) -> "Batch":
         """Let the motions have begun a time before time 0 [s].
 
         For blocks that move at time 0, and a time within the first interval of the input, such

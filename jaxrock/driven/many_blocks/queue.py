@@ -13,8 +13,10 @@ from jax import Array
 
 from ...validation import Integers, Reals
 from .ground_input import GroundInput
+from .initial_state import InitialState
+from .prepared_blocks import Case
 from .single_kernels import call_as_one_function
-from .step import Case, InitialState, Lanes, max_steps
+from .step import Lanes, max_steps
 
 
 class FinalStates(NamedTuple):
@@ -91,9 +93,8 @@ def work_off(
         )
         case = jax.tree.map(replace, next_case, case)
         resting = ground.find_next_interval(jnp.zeros_like(lanes.interval), case.excitation)
-        lanes = jax.tree.map(
-            replace, Lanes.begin(InitialState(*next_initial.T), case, resting), lanes
-        )
+        next_lanes = Lanes.begin(InitialState(*next_initial.T), case, resting)
+        lanes = jax.tree.map(replace, next_lanes, lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
     def take_steps(lanes: Lanes, case: Case) -> Lanes:

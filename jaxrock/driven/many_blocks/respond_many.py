@@ -40,9 +40,10 @@ from .batch import Batch
 from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
 from .ground_motions import GroundMotions
+from .prepared_blocks import BatchArguments, Case, prepare_blocks
 from .queue import work_off
 from .record_input import RecordInput
-from .step import BatchArguments, Case, Lanes, StepControl, prepare_blocks, take_step
+from .step import Lanes, StepControl, take_step
 
 # On a processor, lanes fill its vectors several times over, and their states its nearest
 # cache.
@@ -279,14 +280,16 @@ def respond_batch(
     >>> print(*(f"{peak:.3f} rad" for peak in response.peak_rotation), response.overturned)
     0.044 rad 0.069 rad 0.077 rad [False  True  True]
     """
-    initial = {
-        "rotation": as_real("rotation", rotation),
-        "velocity": as_real("velocity", velocity),
-    }
-    restitution, duration = check_batch(blocks, restitution, motion, duration, **initial)
+    rotation = as_real("rotation", rotation)
+    velocity = as_real("velocity", velocity)
+    restitution, duration = check_batch(
+        blocks, restitution, motion, duration, rotation=rotation, velocity=velocity
+    )
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
-    batch = Batch.of(blocks, restitution, motion, duration, **initial)
+    batch = Batch.of(
+        blocks, restitution, motion, duration, rotation=rotation, velocity=velocity
+    )
     response = follow_batch(batch, as_model(model), rtol)
     return response if batch.traced else jax.device_put(response)
 

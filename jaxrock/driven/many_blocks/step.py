@@ -28,8 +28,9 @@ The state of a lane is `Lanes`; a step leads from one row of this table to anoth
                                                            another block
 
 Blocks begin before the start of the motion if that is later than time 0: those that move in the
-first interval, those at rest in the first one that may lift them. Behind the end of the input (interval = intervals) a block that moves goes on in
-free motion to the end of its duration; one that rests is done.
+first interval, those at rest in the first one that may lift them. Behind the end of the input
+(interval = intervals) a block that moves goes on in free motion to the end of its duration; one
+that rests is done.
 """
 
 from dataclasses import replace
@@ -40,24 +41,21 @@ import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
-from ...block import Block
 from ...impact import velocity_after_impact
 from ...numerics import pick_larger
-from ...resonance import RockingModel
 from ...validation import Booleans, Integers, Reals
-from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
-from ..scene import UP_TO_ITS_SIDE
 from .flight import LONGEST_STEP, StepFlight
 from .ground_input import (
     CountPerBlock,
-    Excitation,
     GroundInput,
     HostNumbers,
     PerBlock,
     TruthPerBlock,
     rounding_margin,
 )
+from .initial_state import InitialState
+from .prepared_blocks import Case
 from .taylor import (
     Coefficients,
     choose_step,
@@ -65,24 +63,7 @@ from .taylor import (
     evaluate,
     expand_rotation,
     materialize,
-    sine_cosine,
 )
-
-
-class BatchArguments(NamedTuple):
-    """The numbers of each block of a batch; arrays of one type that broadcast."""
-
-    block: Block
-    restitution: HostNumbers
-    factor: HostNumbers  # on the motion: its amplitude or scale
-    length: HostNumbers  # of an interval [s]
-    start: HostNumbers  # of the motion [s]
-    duration: HostNumbers  # for which the block is followed [s]
-    rotation: HostNumbers  # initial, signed [rad]
-    velocity: HostNumbers  # initial, signed [rad/s]
-    motion: (
-        HostNumbers  # index of the motion, where there are several; a real as all the others
-    )
 
 
 class StepControl(NamedTuple):
@@ -96,170 +77,6 @@ class StepControl(NamedTuple):
     longest: HostNumbers | float  # factor on the longest step, 1 unless changed
     # Factors on the last two terms, once the step is chosen; 1 unless changed.
     last_terms: tuple[HostNumbers | float, HostNumbers | float]
-
-
-class Case(eqx.Module):
-    """The numbers of a block that all steps need, in its unit of time."""
-
-    equation: Equation
-    ground_sine: PerBlock  # of the tilt alpha_c - rotation, on the ground
-    ground_cosine: PerBlock
-    longest_free_step: PerBlock  # behind the end of the input
-    restitution: PerBlock
-    bounces: PerBlock  # sum of 1 + C^2 + C^4 + ..., or 1 where that is infinite
-    start: PerBlock  # of the motion
-    duration: PerBlock
-    excitation: Excitation
-
-
-class InitialState(NamedTuple):
-    """The state of each block at time 0, from the side on which it stands."""
-
-    side: PerBlock  # 1 or -1
-    rotation: PerBlock
-    velocity: PerBlock
-    elapsed: PerBlock  # time since the start of the motion; negative before it
-
-    @classmethod
-    def of(
-        cls, equation: Equation, rotation: Reals, velocity: Reals, start: Reals
-    ) -> "InitialState":
-        """Put blocks on the sides to which they are rotated, or move from the ground."""
-        towards = jnp.where(rotation == 0, velocity, rotation)
-        side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
-        return cls(
-            side, *_measure_from_start(side * rotation, side * velocity, equation, start)
-        )
-
-
-_State = tuple[Reals, Reals, Reals]  # rotation, velocity, and the time since the start
-
-
-@jax.custom_jvp
-def _measure_from_start(
-    rotation: Reals, velocity: Reals, equation: Equation, start: Reals
-) -> _State:
-    """Return the state at time 0, with its derivative where the motion starts then.
-
-    A motion that starts at time 0 cannot start earlier. So the derivative is that for a later
-    start, as in `respond`: the block moves freely until then.
-    """
-    del equation
-    return rotation, velocity, -start
-
-
-@_measure_from_start.defjvp
-def _differentiate_state(
-    primals: tuple[Reals, Reals, Equation, Reals],
-    tangents: tuple[Reals, Reals, Equation, Reals],
-) -> tuple[_State, _State]:
-    """Differentiate `_measure_from_start`."""
-    *_, equation, start = primals
-    rotation_change, velocity_change, _, start_change = tangents
-    # Once more by the function itself, for second derivatives.
-    rotation, velocity, elapsed = _measure_from_start(*primals)
-    tilt = equation.critical_angle - rotation
-    push = jnp.zeros_like(tilt)
-    acceleration = equation.right_hand_side(*_sine_cosine(equation, tilt), push, 0.0)
-    moves = (rotation != 0) | (velocity != 0)
-    begins = start == 0
-    delay = jnp.where(moves & begins, start_change, 0)
-    changes = (
-        rotation_change + delay * velocity,
-        velocity_change + delay * acceleration,
-        jnp.where(begins, 0, -start_change),
-    )
-    return (rotation, velocity, elapsed), changes
-
-
-class PreparedBlocks(NamedTuple):
-    """Blocks as they are followed, with the unit and validity that the answers need."""
-
-    case: Case
-    initial: InitialState
-    unit: Reals  # of time [s]
-    valid: Booleans  # whether all arguments are allowed
-
-
-def prepare_blocks(
-    ground: GroundInput, arguments: BatchArguments, model: RockingModel
-) -> PreparedBlocks:
-    """Compute what follows from the arguments once for all steps, elementwise."""
-    motion = jnp.asarray(arguments.motion).astype(jnp.int32)
-    restitution = jnp.asarray(arguments.restitution)
-    equation = Equation.of(arguments.block, model)
-    angle = equation.critical_angle
-    strength = jnp.asarray(arguments.factor) / equation.gravity
-    length = jnp.asarray(arguments.length)
-    rate = ground.find_rate(length)
-    natural = jnp.sqrt(equation.p_squared)
-
-    # The unit is arbitrary, so that no derivative depends on it.
-    unit = jax.lax.stop_gradient(1 / ground.find_fastest(natural, rate))
-    p_squared = equation.p_squared * unit * unit
-    equation = eqx.tree_at(
-        lambda e: (e.p_squared, e.critical_velocity),
-        equation,
-        (p_squared, equation.critical_velocity * unit),
-    )
-    rate = rate * unit
-    length = length / unit
-    start = jnp.asarray(arguments.start) / unit
-    duration = jnp.asarray(arguments.duration) / unit
-    rotation = jnp.asarray(arguments.rotation)
-    velocity = jnp.asarray(arguments.velocity) * unit
-
-    # By rounding alone no block is lifted, as in `GroundInput.find_uplift`.
-    needed = equation.tangent / jnp.abs(strength)
-    uplift_times = ground.find_uplift_times(rate, needed * (1 + rounding_margin(rate.dtype)))
-    if ground.has_vertical:
-        # The grade is about the larger of both components. If s is the larger of abs(push) and
-        # abs(lift), uplift needs s > (1 - s) tangent, and so s > tangent / (1 + tangent).
-        needed = needed / (1 + equation.tangent)
-    first_interval, intervals = ground.find_intervals(motion)
-    excitation = Excitation(
-        strength=strength,
-        length=length,
-        rate=rate,
-        first_interval=first_interval,
-        intervals=intervals,
-        grade=ground.choose_grade(needed),
-        uplift_times=uplift_times,
-    )
-
-    # A sum is finite only if all its terms are: one test serves all.
-    total = p_squared + equation.tangent + strength + start + rotation + velocity
-    finite = jnp.isfinite(total + restitution + length + duration) & ground.is_finite(motion)
-    positive = (p_squared > 0) & (length > 0) & (duration > 0)
-    allowed = (restitution >= 0) & (restitution <= 1) & UP_TO_ITS_SIDE.contains(rotation)
-    valid = finite & positive & allowed
-
-    # A block that is not valid rests, so that it is done soon.
-    rotation = jnp.where(valid, rotation, 0)
-    velocity = jnp.where(valid, velocity, 0)
-    initial = InitialState.of(equation, rotation, velocity, start)
-
-    ground_sine, ground_cosine = _sine_cosine(equation, angle)
-    case = Case(
-        # Without numbers that no step needs: what a loop carries costs time.
-        equation=eqx.tree_at(lambda e: (e.gravity, e.inertia_ratio), equation, (None, None)),
-        ground_sine=ground_sine,
-        ground_cosine=ground_cosine,
-        longest_free_step=LONGEST_STEP / (natural * unit),
-        restitution=restitution,
-        bounces=1 / jnp.where(restitution < 1, (1 - restitution) * (1 + restitution), 1),
-        start=start,
-        duration=duration,
-        excitation=excitation,
-    )
-    return PreparedBlocks(case, initial, unit, valid)
-
-
-def _sine_cosine(equation: Equation, tilt: Reals) -> tuple[Reals, Reals]:
-    """Compute sine and cosine of a tilt from balance, as the equation of motion has them."""
-    if equation.linearized:
-        return tilt, jnp.ones_like(tilt)
-    return sine_cosine(tilt)
 
 
 class Lanes(eqx.Module):
@@ -406,9 +223,16 @@ def take_step(
     # The new state. For the overturning criterion it is noted until the input ends.
     side = jnp.where(flight.lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side))
     velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
-    velocity = jnp.where(lanes.moves, velocity, lanes.velocity)
     rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
-    rotation = jnp.where(lanes.moves, rotation, lanes.rotation)
+    # A block at rest that is not lifted at once forgets how it might have begun to move: only
+    # derivatives with respect to its initial state change.
+    forgets = before_end & ~(lifted & (wait <= 0))
+    standing = lanes.rotation, lanes.velocity
+    standing = jax.tree.map(
+        lambda kept: jnp.where(forgets, jax.lax.stop_gradient(kept), kept), standing
+    )
+    rotation = jnp.where(lanes.moves, rotation, standing[0])
+    velocity = jnp.where(lanes.moves, velocity, standing[1])
     impacts = lanes.impacts + flight.lands.astype(jnp.int32)
     taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
     # Sums that only compare two motions need no derivatives. Bounces after the block settles are

@@ -34,6 +34,13 @@ def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
     return angle * sine, cosine
 
 
+def tilt_sine_cosine(equation: Equation, tilt: Reals) -> tuple[Reals, Reals]:
+    """Compute sine and cosine of a tilt from balance, as the equation of motion has them."""
+    if equation.linearized:
+        return tilt, jnp.ones_like(tilt)
+    return sine_cosine(tilt)
+
+
 def _multiply(a: Coefficients, b: Coefficients, k: int) -> Reals | float | int:
     """Compute coefficient `k` of the product of two series."""
     return sum(a[j] * b[k - j] for j in range(len(a)) if 0 <= k - j < len(b))

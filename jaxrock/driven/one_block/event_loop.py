@@ -264,8 +264,13 @@ def _wait(integration: Integration, state: State, stop: Reals) -> State:
     acts = integration.driven.motion.acts(state.time)
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
+    # A block that is not lifted at once forgets how it might have begun to move: only
+    # derivatives with respect to its initial state change.
+    waits = until > state.time
     return state._replace(
         time=until,
+        rotation=jnp.where(waits, 0, state.rotation),
+        velocity=jnp.where(waits, 0, state.velocity),
         side=jnp.where(lifted, side, state.side),
         phase=jnp.where(lifted, RISING, REST),
     )

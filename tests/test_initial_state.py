@@ -1,0 +1,334 @@
+"""Blocks of a batch that are tilted or pushed at time 0: the same motion as `respond` computes."""
+
+import hypothesis
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from references import stepping
+from scipy.integrate import solve_ivp
+from tools.selection import first_by_default
+
+import jaxrock as jr
+
+BLOCK = jr.Block(0.2, 5.0)
+ANGLE = float(BLOCK.critical_angle)
+NORTH = jr.example_record("north", vertical=True)
+
+
+def draw_blocks(rng, number):
+    """Slender blocks, with a restitution, an initial rotation and velocity each."""
+    half_width = rng.uniform(0.1, 0.5, number)
+    slenderness = rng.uniform(3, 8, number)
+    restitution = rng.uniform(0.5, 0.95, number)
+    angle = np.arctan(1 / slenderness)
+    rate = np.sqrt(0.75 * 9.81 / (half_width * np.hypot(1, slenderness)))
+    rotation = rng.uniform(-1.3, 1.3, number) * angle
+    velocity = rng.uniform(-0.8, 0.8, number) * rate * angle
+    rotation[::5] = 0.0
+    velocity[1::5] = 0.0
+    return half_width, slenderness, restitution, rotation, velocity
+
+
+def draw_motion(kind, rng, slenderness):
+    """Motions on both sides of what lifts the blocks, half of them from time 0 on."""
+    number = slenderness.size
+    amplitude = 9.81 / slenderness * rng.uniform(0.1, 2, number) * rng.choice([-1, 1], number)
+    start = np.where(rng.random(number) < 0.5, 0, rng.uniform(0, 0.5, number))
+    if kind == "harmonic":
+        return jr.Harmonic(amplitude, rng.uniform(5, 25, number), 5, start)
+    if kind == "record":
+        rows = (np.asarray(row)[1100:1500] for row in (NORTH.acceleration, NORTH.vertical))
+        horizontal, vertical = rows
+        return jr.Record(horizontal, 0.01, vertical, rng.uniform(0.2, 1, number), start)
+    return getattr(jr, kind)(amplitude, rng.uniform(0.2, 1, number), start)
+
+
+def pick(tree, k):
+    """One of many; the samples of a record belong to all."""
+    return jax.tree.map(lambda leaf: leaf[k] if leaf.ndim and leaf.size != 400 else leaf, tree)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
+@pytest.mark.parametrize("kind", first_by_default(["Sine", "Cosine", "harmonic", "record"]))
+def test_against_one_block(kind, model):
+    """From either side, towards the ground and away from it, from beyond the critical angle."""
+    rng = np.random.default_rng(1)
+    half_width, slenderness, restitution, rotation, velocity = draw_blocks(rng, 300)
+    motion = draw_motion(kind, rng, slenderness)
+    duration = np.asarray(motion.end) + 1.0
+    found = jr.respond_batch(
+        jr.Block(half_width, slenderness),
+        restitution,
+        motion,
+        duration,
+        rotation=rotation,
+        velocity=velocity,
+        model=model,
+    )
+    assert (found.status == jr.Status.COMPLETE).all()
+    assert 20 < found.overturned.sum() < 280
+    for k in range(300):
+        r = jr.respond(
+            jr.Block(half_width[k], slenderness[k]),
+            restitution[k],
+            pick(motion, k),
+            duration[k],
+            rotation=rotation[k],
+            velocity=velocity[k],
+            model=model,
+            rtol=1e-11,
+        )
+        assert bool(found.overturned[k]) == bool(r.overturned)
+        np.testing.assert_allclose(found.peak_rotation[k], r.peak_rotation, rtol=1e-7)
+        if r.peak_rotation < 1.5:
+            scale = float(r.peak_rotation)
+            np.testing.assert_allclose(found.margin[k], r.margin, atol=1e-6)
+            off = found.final_rotation[k] - r.final_rotation
+            assert abs(float(off)) < 1e-5 * scale
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("linearized", first_by_default([False, True]))
+@pytest.mark.parametrize("kind", first_by_default(["Sine", "Cosine", "Ricker", "record"]))
+def test_against_an_independent_integration(kind, linearized):
+    rng = np.random.default_rng(2)
+    half_width, slenderness, restitution, rotation, velocity = draw_blocks(rng, 200)
+    if kind == "record":
+        samples = np.asarray(NORTH.acceleration)[1100:1200]
+        scale = rng.uniform(0.2, 1, 200)
+        motion = jr.Record(samples, 0.01, scale=scale)
+        ground = stepping.record(samples, 0 * samples, 0.01, scale)
+    else:
+        drawn = draw_motion(kind, rng, slenderness)
+        motion = getattr(jr, kind)(drawn.amplitude, drawn.duration)
+        ground = stepping.pulse(kind, motion.amplitude, motion.duration)
+    rocker = stepping.Rocker(half_width, slenderness, restitution, linearized)
+    truth = stepping.follow(rocker, ground, 2.0, start=(rotation, velocity))
+    found = jr.respond_batch(
+        jr.Block(half_width, slenderness),
+        restitution,
+        motion,
+        motion.end + 2.0,
+        rotation=rotation,
+        velocity=velocity,
+        model="linearized" if linearized else "nonlinear",
+    )
+    assert found.complete.all()
+    np.testing.assert_array_equal(found.overturned, truth.overturned)
+    stands = ~truth.overturned
+    assert 50 < stands.sum() < 180
+    np.testing.assert_allclose(found.peak_rotation[stands], truth.peak[stands], rtol=1e-8)
+    np.testing.assert_allclose(found.margin[stands], truth.margin[stands], atol=1e-7)
+
+
+def integrate_by_scipy(state, pulse, duration, restitution):
+    """Peak rotation, final rotation and impacts of `BLOCK` by `solve_ivp`, from event to event."""
+    p = np.sqrt(0.75 * 9.81 / (0.2 * np.hypot(1, 5)))
+    rotation, velocity = state
+    side = 1.0 if (velocity if rotation == 0 else rotation) > 0 else -1.0
+    state = side * rotation, side * velocity
+    time = 0.0
+    peak = 0.0
+    impacts = 0
+
+    def accelerate(time, state):
+        acts = float(pulse.start) <= time < float(pulse.end)
+        phase = 2 * np.pi * (time - float(pulse.start)) / float(pulse.duration)
+        push = side * float(pulse.amplitude) * np.sin(phase) * acts / 9.81
+        tilt = ANGLE - state[0]
+        return state[1], p**2 * (push * np.cos(tilt) - np.sin(tilt))
+
+    def land(_, state):
+        return state[0]
+
+    land.terminal = True
+    land.direction = -1.0
+    while time < duration:
+        flight = solve_ivp(
+            accelerate,
+            (time, duration),
+            state,
+            "DOP853",
+            events=land,
+            rtol=1e-11,
+            atol=1e-13,
+            max_step=1e-3,
+        )
+        peak = max(peak, flight.y[0].max())
+        time = flight.t[-1]
+        if flight.t_events[0].size:
+            impacts += 1
+            side = -side
+            state = 0.0, -restitution * flight.y[1, -1]
+    return peak, side * flight.y[0, -1], impacts
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(
+    "state",
+    [(0.9 * ANGLE, 0.0), (-0.5 * ANGLE, 0.3), (0.0, -0.4), (0.0, 0.4), (1.1 * ANGLE, -0.7)],
+)
+def test_against_scipy(state):
+    pulse = jr.Sine(1.5, 0.4, start=0.3)
+    peak, final, impacts = integrate_by_scipy(state, pulse, 1.5, 0.9)
+    rotation, velocity = state
+    found = jr.respond_batch(BLOCK, 0.9, pulse, 1.5, rotation=rotation, velocity=velocity)
+    assert found.complete
+    assert int(found.impacts) == impacts
+    # The peak is the largest of steps of 1 ms.
+    np.testing.assert_allclose(found.peak_rotation, peak, rtol=1e-5)
+    np.testing.assert_allclose(found.final_rotation, final, rtol=1e-7)
+
+
+signs_and_sizes = st.floats(-1.4, 1.4).filter(lambda x: x == 0 or abs(x) > 1e-3)
+
+
+@pytest.mark.float64
+@hypothesis.given(
+    rotation=signs_and_sizes,
+    velocity=signs_and_sizes,
+    strength=st.floats(-3, 3),
+    start=st.sampled_from([0.0, 0.2]),
+    motion=st.sampled_from([jr.Sine, jr.Ricker, jr.Harmonic]),
+)
+def test_mirror_symmetry(rotation, velocity, strength, start, motion):
+    """If rotation, velocity and motion change their signs, the response does, to the last bit."""
+    both = np.array([1.0, -1.0])
+    amplitude = both * strength * 9.81 / 5
+    scene = (
+        motion(amplitude, 9.0, 3, start)
+        if motion is jr.Harmonic
+        else motion(amplitude, 0.5, start)
+    )
+    found = jr.respond_batch(
+        BLOCK,
+        0.9,
+        scene,
+        2.5,
+        rotation=both * rotation * ANGLE,
+        velocity=both * velocity,
+    )
+    assert found.complete.all()
+    for name in ("peak_rotation", "overturned", "margin", "impacts", "mode"):
+        one, other = np.asarray(getattr(found, name))
+        assert one == other
+    for name in ("final_rotation", "final_velocity"):
+        one, other = np.asarray(getattr(found, name))
+        assert one == -other
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("solver", [jr.respond, jr.respond_batch])
+@pytest.mark.parametrize("kind", first_by_default([jr.Cosine, jr.Sine]))
+def test_derivatives_against_differences(solver, kind):
+    """Of several answers, with respect to initial rotation, velocity, and the start."""
+
+    def answers(numbers):
+        rotation, velocity, start = numbers
+        pulse = kind(1.2, 0.5, start=start)
+        r = solver(BLOCK, 0.9, pulse, 1.6, rotation=rotation, velocity=velocity)
+        return jnp.stack([r.peak_rotation, r.final_rotation, r.final_velocity, r.margin])
+
+    derive = jax.jit(jax.jacfwd(answers))
+    for start in (0.1, 0.0):
+        at = np.array([-0.4 * ANGLE, -0.1, start])
+        for k in range(3):
+            step = 1e-5 * np.eye(3)[k]
+            if k == 2 and start == 0:
+                # Only later starts are allowed.
+                slope = (
+                    4 * answers(at + step) - 3 * answers(at) - answers(at + 2 * step)
+                ) / 2e-5
+            else:
+                slope = (answers(at + step) - answers(at - step)) / 2e-5
+            np.testing.assert_allclose(derive(at)[:, k], slope, rtol=2e-5, atol=2e-5)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("solver", [jr.respond, jr.respond_batch])
+@pytest.mark.parametrize("name", ["rotation", "velocity"])
+def test_a_block_at_rest_forgets_a_small_push(solver, name):
+    """Before the input lifts it: the derivative is 0, as differences are."""
+
+    def peak(value, pulse):
+        return solver(BLOCK, 0.9, pulse, 1.0, **{name: value}).peak_rotation
+
+    for pulse in (jr.Sine(4.0, 0.5), jr.Cosine(4.0, 0.5, start=0.2)):
+        np.testing.assert_allclose(peak(1e-8, pulse), peak(0.0, pulse), rtol=1e-9)
+        assert jax.jacfwd(lambda value, pulse=pulse: peak(value, pulse))(0.0) == 0
+    # One that the input lifts at once goes on from where it is.
+    pulse = jr.Cosine(4.0, 0.5)
+    slope = jax.jacfwd(lambda value: peak(value, pulse))(0.0)
+    np.testing.assert_allclose(slope, (peak(1e-7, pulse) - peak(0.0, pulse)) / 1e-7, rtol=1e-3)
+
+
+@pytest.mark.float64
+def test_states_at_the_edges():
+    """At rest, hardly off the ground, and lying on either side."""
+    pulse = jr.Sine(4.0, 0.5, start=0.1)
+    rotation = np.array([0.0, -0.0, 1e-300, -1e-20, 0.0, 0.0, np.pi / 2, -np.pi / 2])
+    velocity = np.array([0.0, -0.0, 0.0, -1e-20, 1e-12, -1e-300, 0.0, 1.0])
+    found = jr.respond_batch(BLOCK, 0.9, pulse, 2.0, rotation=rotation, velocity=velocity)
+    from_rest = jr.respond_batch(BLOCK, 0.9, pulse, 2.0)
+    assert found.complete.all()
+    np.testing.assert_array_equal(found.peak_rotation[:2], from_rest.peak_rotation)
+    np.testing.assert_allclose(found.peak_rotation[:6], from_rest.peak_rotation, rtol=1e-9)
+    fallen = found.overturned[6:]
+    assert fallen.all()
+    np.testing.assert_array_equal(found.final_rotation[6:], rotation[6:])
+    np.testing.assert_array_equal(found.final_velocity[6:], velocity[6:])
+    assert found.mode[6:].tolist() == [0, 0]
+    assert found.impacts[6:].tolist() == [0, 0]
+
+
+@pytest.mark.float64
+def test_arrays_of_states_broadcast():
+    """With the records of a suite, and with blocks; what one does depends on no other."""
+    suite = jr.Suite([pick(NORTH, ...), jr.example_record("east")])
+    rotation = np.array([[0.1], [-0.02]]) * np.ones(3)
+    velocity = np.array([0.0, 0.2, -0.3])
+    block = jr.Block(np.array([0.2, 0.3, 0.4]), 5.0)
+    found = jr.respond_batch(block, 0.8, suite, 12.0, rotation=rotation, velocity=velocity)
+    assert found.peak_rotation.shape == (2, 2, 3)
+    alone = jr.respond_batch(
+        jr.Block(0.3, 5.0), 0.8, suite[1], 12.0, rotation=-0.02, velocity=0.2
+    )
+    assert alone.peak_rotation == found.peak_rotation[1, 1, 1]
+
+    @jax.jit
+    @jax.vmap
+    def respond(rotation, velocity):
+        return jr.respond_batch(
+            BLOCK, 0.8, jr.Sine(3.0, 0.5), 2.0, rotation=rotation, velocity=velocity
+        )
+
+    rotation = jnp.array([0.1, -0.05, jnp.nan, 1.7])
+    mapped = respond(rotation, jnp.full(4, 0.1))
+    together = jr.respond_batch(
+        BLOCK, 0.8, jr.Sine(3.0, 0.5), 2.0, rotation=rotation[:2], velocity=0.1
+    )
+    np.testing.assert_allclose(mapped.peak_rotation[:2], together.peak_rotation, rtol=1e-9)
+    assert mapped.status.tolist() == [0, 0, jr.Status.INVALID, jr.Status.INVALID]
+    assert np.isnan(mapped.peak_rotation[2:]).all()
+
+
+@pytest.mark.parametrize("solver", [jr.respond, jr.respond_batch])
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ({"rotation": 1.6}, "rotation must be between -pi / 2 and pi / 2, got 1.6"),
+        ({"rotation": np.nan}, "rotation must be between -pi / 2 and pi / 2, got nan"),
+        ({"velocity": np.inf}, "velocity must be finite, got inf"),
+    ],
+)
+def test_bad_states(solver, state, words):
+    with pytest.raises(ValueError, match=words):
+        solver(BLOCK, 0.9, jr.Sine(3.0, 0.5), 1.0, **state)
+
+
+def test_states_whose_shapes_do_not_fit():
+    with pytest.raises(ValueError, match=r"got amplitude of \(2,\), rotation of \(3,\)"):
+        jr.respond_batch(BLOCK, 0.9, jr.Sine(np.ones(2), 0.5), 1.0, rotation=np.zeros(3))
