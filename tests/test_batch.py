@@ -17,7 +17,7 @@ from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.driven.many_blocks.step import Lanes
-from jaxrock.host.threads import map_in_threads
+from jaxrock.host import map_in_threads
 
 
 @pytest.mark.float64

@@ -6,7 +6,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr
-from jaxrock.numerics.elliptic import carlson_rd, carlson_rf, jacobi
+from jaxrock.numerics import carlson_rf, jacobi
+from jaxrock.numerics.elliptic import carlson_rd
 
 
 def spread_arguments(dtype, number=300):

@@ -15,7 +15,7 @@ from tools.selection import some_by_default
 
 import jaxrock as jr
 from jaxrock.driven import follow_batch
-from jaxrock.grids.grid import apply_padded
+from jaxrock.grids import apply_padded
 from jaxrock.grids.lazy import choose_chunks
 from jaxrock.spectra import resonance
 

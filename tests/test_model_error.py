@@ -13,8 +13,8 @@ from tables.random_scenes import NUMBER, apart, computed, each, lasting_scenes, 
 from tools.selection import first_by_default
 
 import jaxrock as jr
+from jaxrock.accuracy import is_linearized_enough
 from jaxrock.accuracy.cheapest_setting import CLOSED
-from jaxrock.accuracy.linearized_range import is_linearized_enough
 from jaxrock.accuracy.model_errors import Answers
 
 pytestmark = pytest.mark.float64

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.host.printing import format_number
+from jaxrock.host import format_number
 
 BLOCK = jr.Block(0.1, 5.0)
 

@@ -20,7 +20,6 @@ from scipy import optimize, stats
 
 import jaxrock as jr
 from jaxrock.driven import follow_batch
-from jaxrock.risk.hazard import find_last_point
 from jaxrock.risk.lognormal import fit_lognormal
 from jaxrock.risk.objects import gather_objects
 from jaxrock.risk.outcome_table import Cases
@@ -84,7 +83,6 @@ def test_rates_too_small_for_normal_numbers():
     """They count as 0, in single precision sooner; interpolated they would be 1."""
     tiny = 0.1 * np.finfo(jnp.ones(()).dtype).tiny
     hazard = jr.Hazard([0.1, 1.0, 3.0, 5.0], [1e-2, 1e-4, tiny, tiny / 10])
-    assert find_last_point(hazard) == 2
     assert "at 3" in str(hazard)
     assert hazard(4.0) < 1e-30
     message = "the first two rates must be greater than 0, got .* which counts as 0 in float"

@@ -4,9 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxrock.numerics import roots
-from jaxrock.numerics.brackets import EvaluatedMargin, find_brackets
-from jaxrock.numerics.roots import refine_brackets
+from jaxrock.numerics import EvaluatedMargin, find_brackets, refine_brackets, roots
 
 pytestmark = pytest.mark.float64
 

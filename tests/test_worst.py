@@ -2,14 +2,12 @@
 
 import math
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping, train_search
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr
-from jaxrock.resonance import train_timing as timing
 
 pytestmark = pytest.mark.float64
 SLOW = pytest.mark.thorough
@@ -299,19 +297,6 @@ def test_what_timing_costs_without_jax(model, slenderness, c, count):
         assert costs[when] == pytest.approx(theirs, rel=1e-9), when
 
 
-@BOTH
-def test_one_timing_without_jax(model):
-    """Pulses that come late, for which there is no closed form."""
-    block = jr.Block(0.4, 2.0)
-    restitution = jnp.asarray(0.9)
-    count = 3
-    rocker = timing.Rocker(block, restitution, model)
-    train = timing.Train(jnp.zeros(count), jnp.ones(count), jnp.ones(count, int))
-    ours = timing._find_needed_strength(rocker, train, 0.2) * float(rocker.unit)
-    theirs = timed_without_jax(type(model).__name__, 2.0, 0.9, count)
-    assert ours == pytest.approx(theirs["0.2 half-cycles after the impacts"], rel=1e-9)
-
-
 def timed_without_jax(model, slenderness, c, count):
     """The same intensities from exponentials and Jacobi's functions in NumPy, by bisection."""
     case = train_search.Case(0.4, slenderness, c, count, model)
@@ -336,9 +321,9 @@ def timed_without_jax(model, slenderness, c, count):
 
 def test_timing_that_did_not_converge_is_nan(monkeypatch):
     block = jr.Block(0.4, 4.0)
-    nothing_left = timing.timing_costs(block, 0.0, 3)["right before the impacts"]
+    nothing_left = jr.resonance.timing_costs(block, 0.0, 3)["right before the impacts"]
     assert nothing_left == pytest.approx(
         float(jr.critical_intensity(block, 0.0, 1)), rel=1e-12
     )
-    monkeypatch.setattr(timing, "_MAX_CORRECTIONS", 1)
-    assert all(math.isnan(cost) for cost in timing.timing_costs(block, 0.7, 3).values())
+    monkeypatch.setattr("jaxrock.resonance.train_timing._MAX_CORRECTIONS", 1)
+    assert all(math.isnan(cost) for cost in jr.resonance.timing_costs(block, 0.7, 3).values())

@@ -29,7 +29,11 @@ from jaxrock.driven import respond, respond_batch, uplift_acceleration
 from jaxrock.ground_motion import PULSES, HalfSine, Motion, Pulse, Record, Ricker, Sine
 from jaxrock.impact import housner_restitution
 from jaxrock.overturning import critical_amplitude, overturning_boundaries
+<<<<<<< HEAD
 from jaxrock.reports.paper import read_printed_tables
+=======
+from jaxrock.reports import conformance, paper
+>>>>>>> tests
 from jaxrock.resonance import Linearized, Nonlinear, RockingModel, Scene
 
 FROZEN = Path(jr.__file__).parent / "data" / "conformance.json"
@@ -551,8 +555,8 @@ def _half_cycles(_: Motions) -> Iterator[Row]:
 
 
 def _published_tables(_: Motions) -> Iterator[Row]:
-    paper = "C. Casapulla, On the Resonance Conditions of Rigid Rocking"
-    peaks, durations, *others = read_printed_tables()["tables"]
+    article = "C. Casapulla, On the Resonance Conditions of Rigid Rocking"
+    peaks, durations, *others = paper.read_printed_tables()["tables"]
     for table, quantity, width, slenderness in (
         (peaks, "half_cycle_peak_rotation", 0.4, 3.0),
         (durations, "half_cycle_duration", 1.2, 10.0),
@@ -575,7 +579,7 @@ def _published_tables(_: Motions) -> Iterator[Row]:
             relative=0.0,
             absolute=_half_unit(printed),
             from_="published",
-            source=f"{paper} Blocks, Table {numeral}: {printed}",
+            source=f"{article} Blocks, Table {numeral}: {printed}",
         )
     (printed,) = others[-1]["printed"][others[-1]["rows"].index("C = 0.85")]
     yield _row(
@@ -592,7 +596,7 @@ def _published_tables(_: Motions) -> Iterator[Row]:
         relative=0.0,
         absolute=_half_unit(printed),
         from_="published",
-        source=f"{paper} Blocks, Table III: {printed}",
+        source=f"{article} Blocks, Table III: {printed}",
     )
 
 

@@ -93,9 +93,9 @@ def closed_slopes():
 
 def paper():
     """How many of the printed entries come out."""
-    from jaxrock.reports.paper import regenerate
+    from jaxrock.reports import paper
 
-    report = regenerate()
+    report = paper.regenerate()
     agreeing = sum(entry.agrees for entry in report.entries)
     faults = sum(bool(entry.fault) for entry in report.entries)
     return (
