@@ -13,9 +13,11 @@ from jaxrock.steady import least_harmonic_amplitude
 PAGE = Path(__file__).parent.parent / "docs" / "resonance_conditions.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 
-BLOCK, C = jr.Block(0.2, 5.0), 0.9
+BLOCK = jr.Block(0.2, 5.0)
+C = 0.9
 UPLIFT = float(BLOCK.gravity / BLOCK.slenderness)
-P, ANGLE = float(BLOCK.frequency_parameter), float(BLOCK.critical_angle)
+P = float(BLOCK.frequency_parameter)
+ANGLE = float(BLOCK.critical_angle)
 BEGIN = 12.0  # frequency ratio from which the floor becomes slower
 
 pytestmark = pytest.mark.float64
@@ -56,7 +58,8 @@ def orbits(c, strength, w):
 
 def floor_from(phase, strength, ratio, samples=64):
     """A floor each of whose half periods is `ratio` times as long as the one before."""
-    frequency, rate = BEGIN * P, np.log(ratio)
+    frequency = BEGIN * P
+    rate = np.log(ratio)
     time = np.arange(25_600) * np.pi / frequency / samples
     elapsed = frequency * time
     angle = np.pi / rate * np.log1p(rate * elapsed / np.pi) if rate else elapsed
@@ -71,7 +74,8 @@ def assert_said(words):
 @pytest.mark.thorough
 def test_frequencies():
     cells = table(0)
-    w, strength = cells[:, 0].astype(float), np.array([0.15, 0.3, 1.0])
+    w = cells[:, 0].astype(float)
+    strength = np.array([0.15, 0.3, 1.0])
     assert_rounded(cells[:, 1], 1 - 1 / np.cosh(np.pi / (2 * w)))
     assert_rounded(cells[:, 2], least_harmonic_amplitude(BLOCK, C, w * P) / UPLIFT)
     ratio = orbits(C, strength, w[:, None])[0]
@@ -102,7 +106,8 @@ def test_restitutions():
 
 def test_overturning_from_rest():
     cells = table(2)
-    strength, w = cells[:, 0].astype(float), np.arange(5, 121) / 10
+    strength = cells[:, 0].astype(float)
+    w = np.arange(5, 121) / 10
     every = np.append(strength, 0.999)[:, None]
     response = jr.respond_batch(BLOCK, C, jr.Harmonic(every * UPLIFT, w * P, cycles=25))
     peak = np.asarray(response.peak_rotation)
@@ -132,7 +137,8 @@ def test_frequency_that_falls():
 @pytest.mark.thorough
 def test_constant_frequencies_below_uplift():
     ratio, _, launch = orbits(C, 0.3, BEGIN)
-    w, phase = np.arange(2, 49) / 4, np.arange(32) * 2 * np.pi / 32
+    w = np.arange(2, 49) / 4
+    phase = np.arange(32) * 2 * np.pi / 32
     frequency, phase = (x.ravel() for x in np.meshgrid(w * P, phase, indexing="ij"))
     floor = jr.Harmonic(np.full(phase.shape, 0.3 * UPLIFT), frequency, cycles=50)
     launched = np.full(phase.shape, launch)
@@ -149,7 +155,8 @@ def test_slow_and_fast_floors():
     unit = float(BLOCK.gravity * BLOCK.critical_angle)
     computed = least_harmonic_amplitude(BLOCK, C, np.array([1e-2, 1e4]) * P) / unit
     np.testing.assert_allclose(computed, [slow, fast], rtol=1e-3)
-    w, strength = 200.0, np.array([0.1, 1.0, 3.0])
+    w = 200.0
+    strength = np.array([0.1, 1.0, 3.0])
     orbit = jr.harmonic_orbit(BLOCK, 1 - 1e-6, strength * unit, w * P, model="linearized")
     np.testing.assert_allclose(
         orbit.rotation_ratio, (np.pi**2 / 8 + strength) / w**2, rtol=2e-4
@@ -158,10 +165,13 @@ def test_slow_and_fast_floors():
 
 @pytest.mark.thorough
 def test_half_cycles_of_three_half_periods():
-    c, w, strength = 0.97, BEGIN, 0.5
+    c = 0.97
+    w = BEGIN
+    strength = 0.5
     t = np.tanh(np.array([0.5, 1.5]) * np.pi / w)
     squares = (1 + c) ** 2 + (w * t * (1 - c)) ** 2
-    least, k = t**2 * (1 - c) / np.sqrt(squares), strength / (1 + w**2)
+    least = t**2 * (1 - c) / np.sqrt(squares)
+    k = strength / (1 + w**2)
     assert least[1] / least[0] == pytest.approx(9, rel=0.1)
     # The motion itself, in which the block stays although it is launched for the linearized
     # one.

@@ -29,11 +29,7 @@ from jaxrock.driven import respond, respond_batch, uplift_acceleration
 from jaxrock.ground_motion import PULSES, HalfSine, Motion, Pulse, Record, Ricker, Sine
 from jaxrock.impact import housner_restitution
 from jaxrock.overturning import critical_amplitude, overturning_boundaries
-<<<<<<< HEAD
 from jaxrock.reports.paper import read_printed_tables
-=======
-from jaxrock.reports import conformance, paper
->>>>>>> tests
 from jaxrock.resonance import Linearized, Nonlinear, RockingModel, Scene
 
 FROZEN = Path(jr.__file__).parent / "data" / "conformance.json"
@@ -556,7 +552,7 @@ def _half_cycles(_: Motions) -> Iterator[Row]:
 
 def _published_tables(_: Motions) -> Iterator[Row]:
     article = "C. Casapulla, On the Resonance Conditions of Rigid Rocking"
-    peaks, durations, *others = paper.read_printed_tables()["tables"]
+    peaks, durations, *others = read_printed_tables()["tables"]
     for table, quantity, width, slenderness in (
         (peaks, "half_cycle_peak_rotation", 0.4, 3.0),
         (durations, "half_cycle_duration", 1.2, 10.0),
