@@ -73,6 +73,10 @@ def write_store(
         raise ValueError(
             f"workers ended again and again at one chunk, perhaps for want of memory: {error}"
         ) from error
+    except KeyboardInterrupt:
+        # What Dask leaves undone it reports later, in many lines.
+        logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+        raise
     except RuntimeError as error:  # such as where workers have no jaxrock
         raise ValueError(f"the workers cannot do it: {error}") from error
     data = {
