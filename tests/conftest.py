@@ -6,13 +6,14 @@ and results of the package are checked; 70 digits in mpmath.
 Most of the time goes into compiling. So programs are hardly optimized (with ``XLA_FLAGS`` set,
 even to nothing, they are as usual), and they are kept in pytest's cache folder, for the other
 workers, for the commands that tests start and for the next run; ``pytest --cache-clear`` drops
-them.
+them. Without that folder (``-p no:cacheprovider``) they are kept for one run only.
 """
 
 import ctypes
 import gc
 import os
 import sys
+import tempfile
 from pathlib import Path
 
 # Before JAX is imported; workers and the commands that tests start inherit it.
@@ -54,9 +55,7 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     jax.config.update("jax_enable_x64", config.getoption("--precision") == "64")
-    folder = os.environ.setdefault(
-        "JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("compiled-programs"))
-    )
+    folder = os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", choose_folder(config))
     jax.config.update("jax_compilation_cache_dir", folder)
     if not hasattr(config, "workerinput"):
         drop_oldest(Path(folder))
@@ -64,6 +63,15 @@ def pytest_configure(config):
     config.pluginmanager.register(OpenPictures())
     if config.getoption("--devices") > 1:
         jax.config.update("jax_num_cpu_devices", config.getoption("--devices"))
+
+
+def choose_folder(config):
+    """For programs: in pytest's cache folder, or in one that is gone when the tests are over."""
+    if config.pluginmanager.hasplugin("cacheprovider"):
+        return str(config.cache.mkdir("compiled-programs"))
+    temporary = tempfile.TemporaryDirectory(prefix="compiled-programs-")
+    config.add_cleanup(temporary.cleanup)
+    return temporary.name
 
 
 class OpenPictures:

@@ -160,7 +160,7 @@ def required_value(
 
     Under records the rate changes by a few per cent from one width to the next, as narrow
     windows come and go. Between the values that were examined it may exceed the target by as
-    much: for one of three blocks under the example suite at 4 % of 150 widths above the value,
+    much: for one of two blocks under the example suite at 4 % of 150 widths above the value,
     by up to 1.3 %. A finer `resolution` finds such excursions.
 
     Derivatives with respect to the target, the block, the restitution and the hazard are those
@@ -176,7 +176,7 @@ def required_value(
     >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
     >>> cabinet = jr.Block.from_size(width=0.2, height=1.0)
     >>> print(jr.required_value(cabinet, 0.8, site, 1e-3, "width", (0.2, 1.0)))
-    0.446391 m, width at this height: from there on the rate stays below 0.001
+    0.446391 m, width at this height: from there on the rate stays below 0.001 1/yr
     """
     search = _check_search(along, side, resolution, model)
     check_kind("site", site, Site)

@@ -221,18 +221,19 @@ def read_scan(scan: RateScan, target: float, along: str, side: str) -> ScanAnswe
         missing = math.inf if upwards else -math.inf
         reason = (
             f"none: at the {bound} bound, {values[end]:.6g} {quantity}, the rate is still"
-            f" about {rates[end]:.3g}, above {target:g}"
+            f" about {rates[end]:.3g} 1/yr, above {target:g} 1/yr"
         )
         return ScanAnswer(missing, crossings, reason)
     if not unsafe.size:
         at = 0 if upwards else len(values) - 1
         reason = (
-            f"{values[at]:.6g} {quantity}: the rate is below {target:g} at all values examined"
+            f"{values[at]:.6g} {quantity}: the rate is below {target:g} 1/yr at all values"
+            " examined"
         )
     else:
         at = unsafe[-1] + 1 if upwards else unsafe[0] - 1
         where = "from there on" if upwards else "up to there"
-        reason = f"{values[at]:.6g} {quantity}: {where} the rate stays below {target:g}"
+        reason = f"{values[at]:.6g} {quantity}: {where} the rate stays below {target:g} 1/yr"
         if len(crossings) > 1:
             reason += f", which it crosses {len(crossings)} times"
     return ScanAnswer(float(values[at]), crossings, reason)
