@@ -521,8 +521,8 @@ def test_widths_at_this_height_and_at_this_slenderness(capsys, tmp_path):
 
 def test_a_block_of_a_size_that_is_hardly_meant_gets_a_warning(capsys):
     with pytest.warns(UserWarning, match="the block is 800 m wide and 4000 m high; lengths"):
-        BlockOptions(width=800.0).read()
-    BlockOptions(width=8.0).read()
+        assert BlockOptions(width=800.0).block.half_width == 400
+    assert BlockOptions(width=8.0).block.half_width == 4
 
 
 @pytest.mark.thorough

@@ -120,7 +120,7 @@ def test_where_nothing_is_kept(tmp_path, monkeypatch, untold):
 
 def test_what_is_kept_is_bounded(tmp_path, monkeypatch):
     """What was used last stays."""
-    monkeypatch.setattr(compiled, "LARGEST", 25)
+    monkeypatch.setattr(compiled, "MAX_BYTES", 25)
     for used, name in enumerate(("b", "a", "c")):
         (tmp_path / name).write_bytes(10 * b"x")
         os.utime(tmp_path / name, (used, 10 - used))

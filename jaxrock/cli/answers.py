@@ -72,9 +72,9 @@ def describe_options(
         if isinstance(value, Output | StoreOptions) or name == "out":
             continue
         if isinstance(value, BlockOptions):
-            block, restitution = value.read()
             described |= dataclasses.asdict(value)
-            described |= {"slenderness": float(block.slenderness), "restitution": restitution}
+            described["slenderness"] = float(value.block.slenderness)
+            described["restitution"] = value.coefficient
         elif dataclasses.is_dataclass(value) and not isinstance(value, type):
             described |= dataclasses.asdict(value)
         else:

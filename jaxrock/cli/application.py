@@ -29,8 +29,8 @@ from .sensitivity import sensitivity
 from .spectra import rocking_spectrum, spectrum
 from .tradeoff import tradeoff
 
-# In the order in which help lists them. The name of a command is the one of its function, with
-# dashes; its options are the parameters, its help is the docstring.
+# In the order in which help lists them, the first for newcomers. The name of a command is the
+# one of its function, with dashes; its options are the parameters, its help is the docstring.
 COMMANDS = (
     assess,
     spectrum,
@@ -60,8 +60,8 @@ def make_application() -> App:
         ),
         help_format="markdown",
     )
-    for command in COMMANDS:
-        application.command(command)
+    for place, command in enumerate(COMMANDS):
+        application.command(command, sort_key=place)
     application.register_install_completion_command()
     return application
 
@@ -85,8 +85,8 @@ def run_command(words: Sequence[str]) -> int:
     gc.set_threshold(100_000, 20, 50)
     try:
         with _show_messages():
-            answer = _answer(words)
-        return 0 if answer is None else _print(answer)
+            answer = _compute_answer(words)
+        return 0 if answer is None else _print_answer(answer)
     # What a user can do something about. All else is a fault of jaxrock, and shows its
     # traceback.
     except (ValueError, OSError, MemoryError, ModuleNotFoundError) as error:
@@ -94,14 +94,14 @@ def run_command(words: Sequence[str]) -> int:
         return 2
 
 
-def _answer(words: Sequence[str]) -> Answer | None:
+def _compute_answer(words: Sequence[str]) -> Answer | None:
     """Return the answer of a command; None after help or the version, which are printed."""
     if not words:
         raise ValueError("a command must be given; --help lists them")
     try:
         os.getcwd()
     except FileNotFoundError:
-        # JAX asks for it, and would say nothing to a user.
+        # JAX asks for it, and its error does not say why.
         raise ValueError("the current folder is gone; change to one that exists") from None
     application = make_application()
     try:
@@ -116,7 +116,7 @@ def _answer(words: Sequence[str]) -> Answer | None:
     return answer if isinstance(answer, Answer) else None
 
 
-def _print(answer: Answer) -> int:
+def _print_answer(answer: Answer) -> int:
     """Print an answer; return its exit code, or another if nobody can read it."""
     try:
         # Now, and not at the end of Python, where an error would be a traceback.

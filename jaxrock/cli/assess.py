@@ -31,7 +31,8 @@ def assess(
     tolerance
         Name the equation and the precision that are good enough for this relative error.
     """
-    block, c = block_options.read()
+    block = block_options.block
+    c = block_options.coefficient
     if tolerance is not None:
         check("tolerance", tolerance, POSITIVE)
     scene = resonance.Scene(block, c, intensity)

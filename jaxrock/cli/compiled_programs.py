@@ -13,7 +13,7 @@ from pathlib import Path
 import jax
 import platformdirs
 
-LARGEST = 100_000_000  # bytes of the folder; a command leaves 0.3 MB
+MAX_BYTES = 100_000_000  # of the folder; a command leaves 0.3 MB
 
 
 @contextlib.contextmanager
@@ -44,12 +44,12 @@ def keep_compiled() -> Iterator[None]:
 
 
 def _drop_oldest(folder: Path) -> None:
-    """Remove the programs that were used longest ago, until `LARGEST` is left."""
+    """Remove the programs that were used longest ago, until `MAX_BYTES` are left."""
     files = [(path, path.stat()) for path in folder.iterdir()]
     size = 0
     # Reading a file sets its time of access, unless the system is mounted without: then the
     # times are those of writing, and the oldest go.
     for path, status in sorted(files, key=lambda file: -file[1].st_atime):
         size += status.st_size
-        if size > LARGEST:
+        if size > MAX_BYTES:
             path.unlink(missing_ok=True)

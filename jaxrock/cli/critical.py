@@ -72,7 +72,8 @@ def critical(
         Folder for critical.csv and critical.png; none is written if not given.
     """
     about = describe_options("critical", locals())
-    block, c = block_options.read()
+    block = block_options.block
+    c = block_options.coefficient
     search = None
     pulse = 0.15 if intensity is None else intensity
     counts = (1.0, 2.0, 5.0, math.inf) if half_cycles is None else half_cycles

@@ -93,7 +93,7 @@ def plan_search(
 def find_limits(search: BoundarySearch) -> Limits:
     """Find the boundaries of overturning, and what lifts the block; describe both."""
     block, restitution, motion, along, values, model = search
-    # A factor on the motion: of an amplitude that is sought, which is 1 m/s2, the amplitude.
+    # The motion has 1 m/s2 where the amplitude is sought: this factor is the amplitude then.
     uplift = float(uplift_factor(block, motion, model=model))
     if values is not None:
         boundaries = overturning_boundaries(

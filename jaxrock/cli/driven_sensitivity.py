@@ -46,11 +46,13 @@ class DrivenQuestion(NamedTuple):
     question : Question
         With the parameters of the motion.
     motion : Motion or Suite
-        A pulse with the factor on it, or records without it: there it is a parameter.
+        What shakes the block.
     scale : float
-        Factor on records [-].
-    ratio, samples, seed : float, int, int
-        Rotation ratio whose probability is asked for [-]; of the samples of the parameters.
+        Factor still to be put on the motion [-]: 1 for a pulse, which has it already.
+    ratio : float
+        Rotation ratio whose probability is computed [-].
+    samples, seed : int
+        Number and seed of the samples of the parameters.
     """
 
     question: Question

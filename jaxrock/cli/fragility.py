@@ -83,7 +83,8 @@ def fragility(
         Folder to write to; made if it is missing. "fragility" if not given.
     """
     about = describe_options("fragility", locals())
-    block, c = block_options.read()
+    block = block_options.block
+    c = block_options.coefficient
     suite = suite_options.read_suite()
     thresholds = [_read_threshold(word) for word in threshold]
     name_thresholds(thresholds)

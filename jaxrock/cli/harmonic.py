@@ -98,7 +98,7 @@ def harmonic(
             "frequency_ratio and amplitude_ratio exclude a width, with which frequency in Hz"
             " and amplitude in m/s2 are given"
         )
-    # Without a width one of any size, 1 m wide.
+    # Ratios do not depend on the size: 1 m stands in.
     base = 1.0 if width is None else width
     ratio = 5.0 if slenderness is None else slenderness
     if height is not None:

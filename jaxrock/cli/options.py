@@ -1,6 +1,7 @@
 """Options that several commands have, in groups: a block, a motion, a suite, the output."""
 
 import contextlib
+import functools
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -117,24 +118,32 @@ class BlockOptions:
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
 
-    def read(self) -> tuple[Block, float]:
-        """Return the block and its coefficient of restitution."""
+    # Kept, since it warns; the class is frozen, but a cached property stands in the dictionary
+    # of the instance.
+    @functools.cached_property
+    def block(self) -> Block:
+        """The block."""
         slenderness = 5.0 if self.slenderness is None else self.slenderness
         if self.height is not None:
             slenderness = divide_sides(self.width, self.height, self.slenderness)
         block = make_block(self.width, slenderness, self.gravity, self.inertia_ratio)
         _warn_of_large(block)
+        return block
+
+    @property
+    def coefficient(self) -> float:
+        """The coefficient of restitution."""
         if self.restitution is not None:
             check("restitution", self.restitution, UNIT_INTERVAL)
-            return block, self.restitution
+            return self.restitution
         # Housner's C = 1 - (3/2) sin(alpha_c)^2 of a rectangle falls below 0 if it is stocky.
-        housner = float(housner_restitution(block))
+        housner = float(housner_restitution(self.block))
         if housner < 0:
             raise ValueError(
                 f"restitution must be given for a block this stocky: Housner's is"
                 f" {housner:.3g}, and it must be between 0 and 1"
             )
-        return block, housner
+        return housner
 
 
 def divide_sides(width: float, height: float, slenderness: float | None) -> float:

@@ -60,7 +60,8 @@ def respond(
     about = describe_options("respond", locals())
     if duration is not None:
         check("duration", duration, POSITIVE)
-    block, c = block_options.read()
+    block = block_options.block
+    c = block_options.coefficient
     motion = motion_options.read()
     names = (*_FILES, "response.gif") if animate else _FILES
     with write_whole("out", out, names, output.force) as folder:

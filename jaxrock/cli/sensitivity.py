@@ -111,7 +111,8 @@ def sensitivity(
     driven = motion_options.given or records is not None
     if records is not None:
         refuse("one motion", answer=answer, relative_change=relative_change)
-    block, c = block_options.read()
+    block = block_options.block
+    c = block_options.coefficient
     question = ask(
         answer or ("rotation-ratio" if driven else "critical-intensity"),
         model or ("nonlinear" if driven else "linearized"),
@@ -211,7 +212,7 @@ def _write_moments(question: Question, moments: MomentEstimate) -> str:
         return f"{given}: {moments.mean:.6g} +- {moments.standard_deviation:.3g}"
     if moments.left_out:
         return f"{given}, {moments.left_out:.1%} of samples overturn: there is no mean"
-    return f"{given}, slopes and curvatures do not describe the answer: no mean is given"
+    return f"{given}, derivatives do not describe the answer: no mean is given"
 
 
 def _draw_map(question: Question, path: Path) -> None:
@@ -222,7 +223,9 @@ def _draw_map(question: Question, path: Path) -> None:
 
     # Over the slenderness of blocks that are as wide, however their size is described.
     half_width = float(question.block.half_width)
-    pulses = {name: question.at[name] for name in ("intensity",) if name in question.at}
+    pulses = {}
+    if "intensity" in question.at:
+        pulses["intensity"] = question.at["intensity"]
 
     def compute_answer(c: Number, slenderness: Number) -> Reals:
         """Compute the answer at a restitution and a slenderness."""
@@ -232,10 +235,10 @@ def _draw_map(question: Question, path: Path) -> None:
     # So fine that the edge of the hatched area is a smooth line at the resolution of the file.
     c = np.linspace(0.3, 0.95, 521)
     slenderness = np.linspace(3, 10, 561)
-    value, slope = value_and_slopes(compute_answer, mask_beyond=True)(
+    value, derivative = value_and_slopes(compute_answer, mask_beyond=True)(
         c[:, None], slenderness[None]
     )
-    elasticity = np.asarray(slope * c[:, None] / value)
+    elasticity = np.asarray(derivative * c[:, None] / value)
     axes = [("restitution", c), ("slenderness", slenderness)]
     answer = question.answer.replace("-", " ")
     attributes = {

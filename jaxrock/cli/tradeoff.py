@@ -36,7 +36,8 @@ def tradeoff(
         Folder to write to; made if it is missing.
     """
     about = describe_options("tradeoff", locals())
-    block, c = block_options.read()
+    block = block_options.block
+    c = block_options.coefficient
     motion = make_default_scene().motion
     if motion_options.given:
         motion = motion_options.read()

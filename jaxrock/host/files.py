@@ -71,6 +71,8 @@ def write_whole(
             # All are on the disk before the first gets its name: a full disk leaves none.
             for name in names:
                 sync(scratch / name)
+            # Another run may have written meanwhile.
+            _check_free(argument, folder, names, overwrite)
             folder.mkdir(parents=True, exist_ok=True)
             for name in names:
                 os.replace(scratch / name, folder / name)

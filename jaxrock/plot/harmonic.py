@@ -54,6 +54,8 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     up = (spectrum.amplitude if sized else spectrum.amplitude_ratio).values
     uplift = about["uplift_amplitude"] if sized else 1
     # Amplitudes of 0 have no place on a logarithmic axis.
+    if not (up > 0).any():
+        raise ValueError("spectrum must have an amplitude greater than 0 to be drawn, got 0")
     spectrum = spectrum.isel(amplitude_ratio=up > 0)
     up = up[up > 0]
     # A cell around each point, on an axis that is linear and one that is logarithmic.
