@@ -209,7 +209,7 @@ class _Sums(NamedTuple):
     complete: AnyArray
     contributions: AnyArray
     rate: AnyArray
-    standard_error: AnyArray
+    standard_error: AnyArray | np.floating
     not_detected: AnyArray
     overturns_first: AnyArray
 

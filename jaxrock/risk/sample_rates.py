@@ -65,10 +65,10 @@ class SampleMeans(NamedTuple):
         See `bound_not_detected` [1/yr].
     """
 
-    rate: np.ndarray
+    rate: np.ndarray | np.floating
     contributions: np.ndarray
-    standard_error: AnyArray
-    not_detected: np.ndarray
+    standard_error: AnyArray | np.floating
+    not_detected: np.ndarray | np.floating
 
 
 def average_samples(
@@ -95,7 +95,7 @@ def average_samples(
     )
 
 
-def compute_standard_error(contributions: AnyArray) -> AnyArray:
+def compute_standard_error(contributions: AnyArray) -> AnyArray | np.floating:
     """Compute the standard error of a mean over records; NaN for one record.
 
     Parameters
