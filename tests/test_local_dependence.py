@@ -198,7 +198,7 @@ def test_derivatives_on_a_harmonic_floor():
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "uncertainty", "words", "narrow"),
+    ("low", "high", "uncertainty", "words", "near"),
     [
         (np.nan, np.nan, 0.05, "for all scale factors from 1.6 to 2.5", False),
         (1.99, 2.02, 0.05, "only for scale factors 1.99 to 2.02, a range narrower than", True),
@@ -209,9 +209,9 @@ def test_derivatives_on_a_harmonic_floor():
         (1.7, np.nan, 0.05, "from a scale factor of 1.7 on, further away than", False),
     ],
 )
-def test_words_of_an_interval(low, high, uncertainty, words, narrow):
+def test_words_of_an_interval(low, high, uncertainty, words, near):
     interval = OutcomeInterval(2.0, low, high, (1.6, 2.5), True, uncertainty)
-    assert interval.narrow == narrow
+    assert interval.has_near_boundary == near
     assert words in str(interval)
     assert str(interval).startswith("the block overturns ")
 

@@ -28,4 +28,5 @@ from .falling_roots import select_tree as select_tree
 from .implicit import Root as Root
 from .implicit import differentiate_by_jacobian as differentiate_by_jacobian
 from .implicit import differentiate_implicitly as differentiate_implicitly
+from .roots import compute_middle as compute_middle
 from .roots import refine_brackets as refine_brackets

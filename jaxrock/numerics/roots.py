@@ -154,7 +154,12 @@ def _take_step(
 def _propose_middle(iterate: _Iterate, library: ModuleType) -> AnyArray:
     """Propose the middle of the bracket."""
     x1, x2, _ = iterate.x
-    return library.where(iterate.has_converged(), x1, 0.5 * (x1 + x2))
+    return library.where(iterate.has_converged(), x1, compute_middle(x1, x2))
+
+
+def compute_middle(low: AnyArray, high: AnyArray) -> AnyArray:
+    """Compute the middle of intervals, to the same bits for all that bisect."""
+    return 0.5 * (low + high)
 
 
 def _propose_value(iterate: _Iterate, library: ModuleType) -> AnyArray:
@@ -209,7 +214,7 @@ def _step_ahead(
     halves = [(x, x2), (x, x1)]
     for _ in range(levels - 1):
         if propose is _propose_middle:
-            middles = [0.5 * (near + far) for near, far in halves]
+            middles = [compute_middle(near, far) for near, far in halves]
         else:
             middles = [near + 0.5 * (far - near) for near, far in halves]
         tried += middles

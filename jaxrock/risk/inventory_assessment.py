@@ -17,18 +17,18 @@ from .exceedance import describe_variable
 from .hazard import Hazard, compute_return_periods
 from .inventory import Inventory
 from .lognormal import fit_lognormal
-from .not_detected import bound_not_detected
-from .outcome_table import Cases, compute_rates, tabulate_outcomes
+from .outcome_table import tabulate_outcomes
 from .rate_elasticities import compute_elasticities, list_parameters
 from .required_value import required_value
+from .sample_rates import average_samples, simulate_samples
 from .site import Site
 
 if TYPE_CHECKING:
     import xarray
 
 # Parameters whose importance is told: what can be built or chosen for an object.
-PARAMETERS = ("width", "height", "restitution")
-CONFIDENCE = 0.95  # of the intervals of probabilities
+_PARAMETERS = ("width", "height", "restitution")
+_CONFIDENCE = 0.95  # of the intervals of probabilities
 _CHANGE = 0.1  # relative, to either side, for elasticities
 # Standard errors of rates by the width of the intervals in which boundaries are located,
 # relative: of the objects, and of those that are changed for elasticities, for which it is 1 %
@@ -168,7 +168,7 @@ def assess_inventory(
     elasticity = compute_elasticities(
         objects,
         parameters,
-        PARAMETERS,
+        _PARAMETERS,
         site,
         model,
         _CHANGE,
@@ -227,12 +227,10 @@ def _simulate_objects(
         owners.append(np.repeat(np.flatnonzero(has_samples), uncertain.samples))
     block, restitution = jax.tree.map(lambda *leaves: np.concatenate(leaves), *rows)
     owner = np.concatenate(owners)
-    cases = Cases.of(
-        objects._replace(block=block, restitution=restitution, names=()), site, model
+    cases, overturned, rates = simulate_samples(
+        objects, block, restitution, site, model, _ACCURACY
     )
     levels = np.asarray(site.levels)
-    overturned = tabulate_outcomes(cases, levels)
-    rates = compute_rates(cases, overturned, levels, _ACCURACY)
     at_reported = tabulate_outcomes(cases, reported)
     separate = []
     remarks = []
@@ -240,18 +238,13 @@ def _simulate_objects(
         (samples,) = np.nonzero(owner == k)
         # The median stands first. Of samples it is not one.
         samples = samples[1:] if samples.size > 1 else samples
-        contributions = rates.contributions[:, samples].mean(axis=1)
         outcomes = overturned[:, samples]
+        means = average_samples(rates.contributions[:, samples], outcomes, site)
         # A record counts by the fraction of its samples.
         fractions = outcomes.mean(axis=1).sum(axis=0)
         fit = fit_lognormal(levels, fractions, cases.records)
         counts = at_reported[:, samples].mean(axis=1).sum(axis=0)
-        low, high = bound_probabilities(counts, cases.records, CONFIDENCE)
-        error = math.nan
-        if cases.records > 1:
-            error = contributions.std(ddof=1) / math.sqrt(cases.records)
-        # Samples of a record share its windows, and are no further records.
-        bound = np.mean(bound_not_detected(outcomes, np.asarray(site.rates)))
+        low, high = bound_probabilities(counts, cases.records, _CONFIDENCE)
         separate.append(
             {
                 "median": fit.median,
@@ -259,9 +252,9 @@ def _simulate_objects(
                 "probability": counts / cases.records,
                 "probability_low": low,
                 "probability_high": high,
-                "rate": contributions.mean(),
-                "standard_error": error,
-                "not_detected": bound,
+                "rate": means.rate,
+                "standard_error": means.standard_error,
+                "not_detected": means.not_detected,
             }
         )
         words = [f"lognormal curve: {fit.remark}"] if fit.remark else []
@@ -335,7 +328,7 @@ def _make_dataset(
     )
     names = {
         "object": ([inventory.names[k] for k in order], "object"),
-        "parameter": ([SIZES_IN_WORDS.get(name, name) for name in PARAMETERS], "parameter"),
+        "parameter": ([SIZES_IN_WORDS.get(name, name) for name in _PARAMETERS], "parameter"),
     }
     return add_names(dataset, **names)
 
@@ -398,5 +391,5 @@ def _name_most_important(elasticity: np.ndarray) -> str:
     """Name the parameter with the largest elasticity; "none" where the rate is 0."""
     if not np.isfinite(elasticity).any():
         return "none"
-    name = PARAMETERS[int(np.nanargmax(abs(elasticity)))]
+    name = _PARAMETERS[int(np.nanargmax(abs(elasticity)))]
     return SIZES_IN_WORDS.get(name, name)

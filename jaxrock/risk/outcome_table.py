@@ -12,6 +12,7 @@ import numpy as np
 from ..block import Block
 from ..driven import Batch, follow_batch, require_complete
 from ..host import show_progress
+from ..numerics import compute_middle
 from ..resonance import RockingModel
 from ..validation import AnyArray
 from .objects import Objects
@@ -200,7 +201,7 @@ def locate_crossings(
             return located
         # As `refine_brackets` does with a tolerance, to the same bits: of several boundaries
         # between two levels both find the same.
-        middle = (0.5 * (low[wide] + high[wide])).astype(cases.batch.dtype)
+        middle = np.asarray(compute_middle(low[wide], high[wide]), cases.batch.dtype)
         outcome = cases.simulate(crossings.records[wide], crossings.objects[wide], middle)
         is_beyond = outcome == crossings.begins[wide]
         high[wide[is_beyond]] = middle[is_beyond]

@@ -1,6 +1,5 @@
 """The rate of overturning at a site, from the boundaries under each of its records."""
 
-import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -25,7 +24,7 @@ from ..validation import (
 )
 from .not_detected import bound_not_detected
 from .objects import Objects, gather_objects
-from .outcome_table import Cases, compute_rates, tabulate_outcomes
+from .sample_rates import average_samples, compute_standard_error, simulate_samples
 from .site import Site
 from .site_boundaries import find_boundaries_at_site, pad_boundaries
 
@@ -210,7 +209,7 @@ class _Sums(NamedTuple):
     complete: AnyArray
     contributions: AnyArray
     rate: AnyArray
-    standard_error: AnyArray
+    standard_error: AnyArray | np.floating
     not_detected: AnyArray
     overturns_first: AnyArray
 
@@ -259,10 +258,6 @@ def _sum_edges(
     signed = library.where(edges.overturns_beyond, at_edges, -at_edges)
     changes = library.where(exists, signed, 0).sum(axis=-1)
     contributions = changes + library.where(edges.overturns_first, rates[0], 0)
-    records = len(contributions)
-    error = library.full_like(contributions[0], library.nan)
-    if records > 1:
-        error = contributions.std(axis=0, ddof=1) / math.sqrt(records)
     # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
     # is not below anything. At a boundary itself the block stands: one that is a level is
     # below it where the block stands beyond.
@@ -278,7 +273,7 @@ def _sum_edges(
     return _Sums(
         rate=contributions.mean(axis=0),
         contributions=contributions,
-        standard_error=error,
+        standard_error=compute_standard_error(contributions),
         not_detected=bound_not_detected(overturned, rates),
         complete=complete.all(axis=0),
         overturns_first=edges.overturns_first,
@@ -297,29 +292,15 @@ def _average_samples(
     block, restitution = jax.tree.map(
         lambda leaf: leaf.reshape(-1), (draws.block, draws.restitution)
     )
-    cases = Cases.of(
-        objects._replace(block=block, restitution=restitution, names=()), site, model
+    simulated = simulate_samples(
+        objects, block, restitution, site, model, _ACCURACY_OF_SAMPLES
     )
-    levels = np.asarray(site.levels)
-    overturned = tabulate_outcomes(cases, levels)
-    rates = compute_rates(cases, overturned, levels, _ACCURACY_OF_SAMPLES)
-    records = cases.records
-    contributions = rates.contributions.reshape(records, *shape).mean(axis=-1)
-    error = np.full(objects.shape, np.nan)
-    if records > 1:
-        error = contributions.std(axis=0, ddof=1) / math.sqrt(records)
-    # Of each sample, and their mean: samples of a record share its windows, and are no further
-    # records.
-    outcomes = overturned.reshape(records, *shape, levels.size)
-    bound = np.asarray(bound_not_detected(outcomes, np.asarray(site.rates))).mean(axis=-1)
+    rates = simulated.rates
+    records = simulated.cases.records
+    outcomes = simulated.overturned.reshape(records, *shape, -1)
+    means = average_samples(rates.contributions.reshape(records, *shape), outcomes, site)
     overturns_first = outcomes[..., 0].any(axis=-1)
-    real = {
-        "rate": contributions.mean(axis=0),
-        "contributions": contributions,
-        "standard_error": error,
-        "not_detected": np.asarray(bound),
-        "sample_rates": rates.rate.reshape(shape),
-    }
+    real = means._asdict() | {"sample_rates": rates.rate.reshape(shape)}
     dtype = np.asarray(objects.restitution).dtype
     fields = {name: np.asarray(value, dtype) for name, value in real.items()}
     fields |= {"overturns_first": overturns_first, "complete": ~overturns_first.any(axis=0)}

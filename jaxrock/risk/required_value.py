@@ -307,11 +307,11 @@ def _estimate_rates(
     cases = cases.replace_objects(change_objects(objects, indices, values, along))
     site = cases.site
     levels = np.asarray(site.levels)
-    place = _choose_levels(levels, strides[stage])
+    place = _choose_places_of_levels(levels, strides[stage])
     if not stage:
         overturned = tabulate_outcomes(cases, levels[place])
     else:
-        before = np.isin(place, _choose_levels(levels, strides[stage - 1]))
+        before = np.isin(place, _choose_places_of_levels(levels, strides[stage - 1]))
         overturned = np.empty((*cases.batch.shape, place.size), bool)
         overturned[..., before] = np.stack(known, axis=1)
         overturned[..., ~before] = tabulate_outcomes(cases, levels[place][~before])
@@ -325,7 +325,7 @@ def _estimate_rates(
     return RateEstimate(rates.rate, error, overturned)
 
 
-def _choose_levels(levels: np.ndarray, stride: int) -> np.ndarray:
+def _choose_places_of_levels(levels: np.ndarray, stride: int) -> np.ndarray:
     """Choose the places of every so many levels; each longer stride uses some of these."""
     # The last level stands for all beyond, so that it is never left out.
     last = levels.size - 1

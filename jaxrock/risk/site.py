@@ -101,7 +101,7 @@ class Site(Printed, eqx.Module):
         require_single_scales(suite)
         self.suite = suite
         self.hazard = hazard
-        self.levels = _choose_levels(hazard, levels, spacing)
+        self.levels = _choose_site_levels(hazard, levels, spacing)
         self.rates = hazard(self.levels)
         _check_rates(self.rates, self.levels)
         self.intensities = require_positive_measures(suite, self.measure)
@@ -149,7 +149,7 @@ def require_single_scales(suite: Suite) -> None:
             )
 
 
-def _choose_levels(hazard: Exceedance, levels: Numbers | None, spacing: float) -> Reals:
+def _choose_site_levels(hazard: Exceedance, levels: Numbers | None, spacing: float) -> Reals:
     """Choose the levels at which to simulate; a `ValueError` if these are not allowed."""
     ends = None
     if isinstance(hazard, Hazard) and not is_traced(hazard.levels):

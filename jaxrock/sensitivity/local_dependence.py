@@ -311,7 +311,7 @@ def _differentiate(
     plane = columns @ np.linalg.lstsq(columns, answers)[0]
     explained = _compute_explained_fraction(answers, plane)
     # No tangent explains more than the best plane: without that nothing is compiled.
-    if interval.narrow or not np.isfinite(sample.value) or explained < _EXPLAINED:
+    if interval.has_near_boundary or not np.isfinite(sample.value) or explained < _EXPLAINED:
         return None, explained
     parametric = make_parametric(
         eqx.tree_at(lambda part: part.motion, function, function.motion.bucketed()),
@@ -333,7 +333,7 @@ def _write_reason(
     interval: OutcomeInterval, title: str, value: float, explained: float
 ) -> str:
     """Write in words what makes derivatives meaningful or not."""
-    if interval.narrow:
+    if interval.has_near_boundary:
         return f"{interval}{_OMITTED}"
     if not np.isfinite(value):
         return f"{interval}; there the {title} does not exist, nor do its derivatives"

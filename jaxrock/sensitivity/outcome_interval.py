@@ -48,7 +48,7 @@ class OutcomeInterval(NamedTuple):
         return float(np.nan_to_num(abs(ends / self.scale - 1), nan=np.inf).min())
 
     @property
-    def narrow(self) -> bool:
+    def has_near_boundary(self) -> bool:
         """True if a boundary is nearer than the uncertainty."""
         return self.nearest < self.uncertainty
 
@@ -58,7 +58,7 @@ class OutcomeInterval(NamedTuple):
             low, high = self.range
             return f"{block} for all scale factors from {low:.3g} to {high:.3g}"
         uncertainty = f"than the assumed uncertainty ({100 * self.uncertainty:.3g} %)"
-        compared = f"{'nearer' if self.narrow else 'further away'} {uncertainty}"
+        compared = f"{'nearer' if self.has_near_boundary else 'further away'} {uncertainty}"
         if np.isnan(self.low):
             return f"{block} up to a scale factor of {self.high:.5g}, {compared}"
         if np.isnan(self.high):
@@ -66,7 +66,7 @@ class OutcomeInterval(NamedTuple):
         factors = f"{block} only for scale factors {self.low:.5g} to {self.high:.5g}"
         if self.high - self.low < self.uncertainty * self.scale:
             return f"{factors}, a range narrower {uncertainty}"
-        if self.narrow:
+        if self.has_near_boundary:
             return f"{factors}, of which one is {compared}"
         return f"{factors}, a range wider {uncertainty}"
 

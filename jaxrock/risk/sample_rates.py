@@ -1,0 +1,113 @@
+"""Rates of samples of uncertain parameters, and their means over the samples of an object."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..block import Block
+from ..resonance import RockingModel
+from ..validation import AnyArray, choose_namespace
+from .not_detected import bound_not_detected
+from .objects import Objects
+from .outcome_table import Cases, Rates, compute_rates, tabulate_outcomes
+from .site import Site
+
+
+class SimulatedSamples(NamedTuple):
+    """Samples along one axis, their outcomes and their rates.
+
+    Attributes
+    ----------
+    cases : Cases
+    overturned : ndarray of bool, shape (records, samples, levels)
+    rates : Rates
+    """
+
+    cases: Cases
+    overturned: np.ndarray
+    rates: Rates
+
+
+def simulate_samples(
+    objects: Objects,
+    block: Block,
+    restitution: AnyArray,
+    site: Site,
+    model: RockingModel,
+    accuracy: float,
+) -> SimulatedSamples:
+    """Simulate samples of objects, given along one axis, at all levels of a site.
+
+    `accuracy` is that of the rate of a sample, relative; see `compute_rates`.
+    """
+    samples = objects._replace(block=block, restitution=restitution, names=())
+    cases = Cases.of(samples, site, model)
+    levels = np.asarray(site.levels)
+    overturned = tabulate_outcomes(cases, levels)
+    return SimulatedSamples(
+        cases, overturned, compute_rates(cases, overturned, levels, accuracy)
+    )
+
+
+class SampleMeans(NamedTuple):
+    """Means over the samples of each object.
+
+    Attributes
+    ----------
+    rate : ndarray, shape (...)
+        [1/yr]
+    contributions : ndarray, shape (records, ...)
+        The rate if each motion were like this record [1/yr].
+    standard_error : ndarray, shape (...)
+        From record to record [1/yr].
+    not_detected : ndarray, shape (...)
+        See `bound_not_detected` [1/yr].
+    """
+
+    rate: np.ndarray | np.floating
+    contributions: np.ndarray
+    standard_error: AnyArray | np.floating
+    not_detected: np.ndarray | np.floating
+
+
+def average_samples(
+    contributions: np.ndarray, overturned: np.ndarray, site: Site
+) -> SampleMeans:
+    """Average over samples.
+
+    Parameters
+    ----------
+    contributions : ndarray, shape (records, ..., samples)
+        The rate of each sample if each motion were like this record [1/yr].
+    overturned : ndarray of bool, shape (records, ..., samples, levels)
+    site : Site
+    """
+    means = contributions.mean(axis=-1)
+    # Of each sample, and their mean: samples of a record share its windows, and are no further
+    # records.
+    bounds = np.asarray(bound_not_detected(overturned, np.asarray(site.rates)))
+    return SampleMeans(
+        rate=means.mean(axis=0),
+        contributions=means,
+        standard_error=compute_standard_error(means),
+        not_detected=bounds.mean(axis=-1),
+    )
+
+
+def compute_standard_error(contributions: AnyArray) -> AnyArray | np.floating:
+    """Compute the standard error of a mean over records; NaN for one record.
+
+    Parameters
+    ----------
+    contributions : array_like, shape (records, ...)
+
+    Returns
+    -------
+    array, shape (...)
+    """
+    records = len(contributions)
+    if records == 1:
+        library = choose_namespace(contributions)
+        return library.full_like(contributions[0], library.nan)
+    return contributions.std(axis=0, ddof=1) / math.sqrt(records)
