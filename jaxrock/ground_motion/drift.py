@@ -69,17 +69,15 @@ def warn_of_drift(name: str, record: Record) -> None:
 
 def warn_of_drifts(names: Sequence[str], records: Sequence[Record]) -> None:
     """Warn, in one sentence, of records of a suite whose PGV is due to a drift."""
-    drifting_records = [
+    drifting = [
         f"{name!r} ({drift.peak:.3g} m/s, without the drift {drift.steady:.3g} m/s)"
         for name, record in zip(names, records, strict=True)
         if (drift := find_drift(record))
     ]
-    if drifting_records:
-        listed = ", ".join(drifting_records[:_LISTED]) + (
-            ", ..." if drifting_records[_LISTED:] else ""
-        )
+    if drifting:
+        listed = ", ".join(drifting[:_LISTED]) + (", ..." if drifting[_LISTED:] else "")
         warnings.warn(
-            f"PGV of {len(drifting_records)} of {len(records)} records is due to a drift: {listed}."
+            f"PGV of {len(drifting)} of {len(records)} records is due to a drift: {listed}."
             f" {_WAY_OUT}",
             stacklevel=2,
         )

@@ -109,8 +109,9 @@ class Record(Motion):
         # mistake; many records of two samples each are none that anybody would measure.
         if len(shape) > 1 and shape[-1:] == (2,) and shape[-2:-1] > (2,):
             raise ValueError(
-                f"acceleration must be samples along the last axis, got an array of shape {shape},"
-                " which would be records of two samples; pass the column of accelerations alone"
+                "acceleration must be samples along the last axis, got an array of shape"
+                f" {shape}, which would be records of two samples;"
+                " pass the column of accelerations alone"
             )
         if self.time_step.shape == shape:
             raise ValueError(

@@ -142,9 +142,9 @@ def _estimate_errors(
     # Standard errors are those of independent samples. The points of a Sobol sequence have
     # less noise than these, so that the error is rather overestimated.
     noise = 2 / len(remainder) ** 0.5
-    # Only the remainder is sampled (a control variate): the moments of the quadratic are exact,
-    # and where the remainder is small so is its noise. The answer's variance is the quadratic's
-    # plus the mean of this.
+    # Only the remainder is sampled (a control variate): the moments of the quadratic are
+    # exact, and where the remainder is small so is its noise. The answer's variance is the
+    # quadratic's plus the mean of this.
     added = (2 * (quadratic - mean) + remainder) * remainder - remainder.mean() ** 2
     corrected = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
     of_mean = float(abs(remainder.mean()) + noise * remainder.std())
