@@ -18,8 +18,8 @@ def is_linearized_enough(scene: Scene, tolerance: Number) -> Booleans:
     alone.
     """
     # In units of the critical velocity the size and gravity drop out.
-    one = jnp.ones_like(scene.block.slenderness)
-    block = eqx.tree_at(lambda b: (b.half_width, b.gravity), scene.block, (one, one))
+    ones = jnp.ones_like(scene.block.slenderness)
+    block = eqx.tree_at(lambda b: (b.half_width, b.gravity), scene.block, (ones, ones))
     linearized = Linearized()
     nonlinear = Nonlinear()
     critical = nonlinear.critical_velocity(block)
@@ -45,7 +45,7 @@ def is_linearized_enough(scene: Scene, tolerance: Number) -> Booleans:
         return jnp.where(within, middle, low), jnp.where(within, high, middle)
 
     # Forty halvings leave 1e-12. A block that hardly rocks must pass as well, or none does.
-    one = jnp.ones_like(over)
-    fastest, _ = jax.lax.fori_loop(0, 40, bisect, (0 * one, one))
-    fastest = jnp.where(is_enough(1e-3 * one), fastest, -1.0)
+    ones = jnp.ones_like(over)
+    fastest, _ = jax.lax.fori_loop(0, 40, bisect, (0 * ones, ones))
+    fastest = jnp.where(is_enough(1e-3 * ones), fastest, -1.0)
     return stabilized_velocity(scene) <= fastest * nonlinear.critical_velocity(scene.block)

@@ -235,11 +235,11 @@ def _compute_model_error(
     """
     pulse = _PulseEffect(jnp.asarray(duration), centroid, work, slack)
     shift, unit, known = _estimate_shift(scene, stabilized_velocity(scene), *pulse)
-    own = jnp.finfo(pulse.duration.dtype)
-    precisions = {32: jnp.finfo(jnp.float32), int(own.bits): own}
+    precision = jnp.finfo(pulse.duration.dtype)
+    precisions = {32: jnp.finfo(jnp.float32), int(precision.bits): precision}
     # Impulses and velocities are proportional: a bound on the velocity is one on the
     # intensity.
-    slip = _VELOCITY * unit + _ROUNDINGS * float(own.eps)
+    slip = _VELOCITY * unit + _ROUNDINGS * float(precision.eps)
     # As it is; then with the effect of pulses of finite duration, and rounded, each of these
     # also with less and more. All at once, since each closed form takes long to compile.
     variants = [scene, *_vary_intensity(scene, 1 + shift, slip)]
@@ -253,19 +253,19 @@ def _compute_model_error(
         for model in (Linearized(), Nonlinear())
     }
     roundings: dict[str, dict[int, Reals]] = {}
-    for name, (exact, _, _, _, *rest) in answers.items():
+    for name, (exact, _, _, _, *rounded_answers) in answers.items():
         bounds = roundings[name] = {}
         for bits, kind in precisions.items():
             # What rounding the arguments does, and the most that rounding on the way may do
             # beside.
-            rounded, less, more, *rest = rest
-            moved = (jnp.abs(compare(each, rounded)) for each in (less, more))
+            rounded, less, more, *rounded_answers = rounded_answers
+            moved = (jnp.abs(compare(varied, rounded)) for varied in (less, more))
             off = jnp.abs(compare(rounded, exact)) + jnp.maximum(*moved)
             bounds[bits] = off + _ROUNDINGS * float(kind.eps)
         if 64 not in bounds:  # which grow at least as fast as the unit of the last place
-            bounds[64] = float(jnp.finfo(jnp.float64).eps) / float(own.eps) * bounds[32]
+            bounds[64] = float(jnp.finfo(jnp.float64).eps) / float(precision.eps) * bounds[32]
     linearization = compare(answers["linearized"][0], answers["nonlinear"][0])
-    own_rounding = roundings["nonlinear"][int(own.bits)]
+    own_rounding = roundings["nonlinear"][int(precision.bits)]
     costs = _estimate_duration_costs(
         scene, pulse, answers["nonlinear"][:4], unit, known, own_rounding
     )
@@ -280,7 +280,7 @@ def _compute_model_error(
 def _vary_intensity(scene: Scene, factor: Reals | float, slip: Reals | float) -> list[Scene]:
     """Vary the intensity of a scene: times a factor, and times less and more than it."""
     factors = (factor, factor - slip, factor + slip)
-    return [_replace_intensity(scene, scene.intensity * each) for each in factors]
+    return [_replace_intensity(scene, scene.intensity * multiple) for multiple in factors]
 
 
 def _round_scene(scene: Scene, kind: np.finfo) -> Scene:
@@ -334,7 +334,7 @@ def _estimate_duration_costs(
         return jnp.stack([at[0], period, intensity])
 
     finite = [*map(apply_duration, (0.0, -1.0, 1.0), answers[1:])]
-    estimate, low, high = (compare(answers[0], each) for each in finite)
+    estimate, low, high = (compare(answers[0], answer) for answer in finite)
     spread = jnp.maximum(jnp.abs(low - estimate), jnp.abs(high - estimate))
     # One that is not finite says only which side of the threshold the estimate is on.
     bound = jnp.where(jnp.isfinite(estimate), spread, jnp.inf) + rounding

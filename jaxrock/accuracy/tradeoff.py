@@ -211,7 +211,9 @@ def measure_tradeoff(
         answer = functools.partial(_compute_answer, dials, _choose_duration(scene))
         calls.append(functools.partial(answer, timed[0]))
         begin = time.perf_counter()
-        answers = np.stack([answer(one) for one in sample], axis=-1, dtype=float)
+        answers = np.stack(
+            [answer(varied_scene) for varied_scene in sample], axis=-1, dtype=float
+        )
         jax.block_until_ready(calls[-1]())
         compilation = time.perf_counter() - begin
         error = float(np.max(np.abs(answers.reshape(truth.shape) / truth - 1)))
@@ -279,9 +281,9 @@ def _compute_answer(
     still = Rectangular(zero, zero + 1)
     velocity = stabilized_velocity(scene)
     settings = {"rtol": dials.tolerance, "solver": dials.solver}
-    found = respond(scene.block, zero, still, duration, velocity=velocity, **settings)
+    response = respond(scene.block, zero, still, duration, velocity=velocity, **settings)
     return np.stack(
-        [found.peak_rotation / scene.block.critical_angle, 2 * found.impact_times[0]]
+        [response.peak_rotation / scene.block.critical_angle, 2 * response.impact_times[0]]
     )
 
 
@@ -331,7 +333,12 @@ def _compute_truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
         dials = _Dials("adaptive", 64, 1, "Tsit5", rtol)
         sample = _vary_size(scene, _SAMPLE, dials)
         peaks.append(
-            np.stack([_compute_answer(dials, _choose_duration(scene), one) for one in sample])
+            np.stack(
+                [
+                    _compute_answer(dials, _choose_duration(scene), varied_scene)
+                    for varied_scene in sample
+                ]
+            )
         )
     # A stricter tolerance changes less and less, until rounding takes over.
     changes = [float(np.max(np.abs(b / a - 1))) for a, b in itertools.pairwise(peaks)]

@@ -88,18 +88,18 @@ class DrivenFit(Printed, eqx.Module):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences to know before the numbers are used."""
-        said = []
+        sentences = []
         status = describe_status(self.status)
         if status:
-            said.append(status)
+            sentences.append(status)
         if not bool(self.same_order):
-            said.append("impacts come in another order than measured before the end")
+            sentences.append("impacts come in another order than measured before the end")
         if float(self.used_until) < float(self.last_time):
-            said.append(
+            sentences.append(
                 f"beyond {float(self.used_until):.4g} s the computed motion goes another way or"
                 " hangs on too little: only what is before counts"
             )
-        return tuple(said)
+        return tuple(sentences)
 
     def __str__(self) -> str:
         lines = [

@@ -97,24 +97,26 @@ class FreeRockingFit(Printed, eqx.Module):
     def remarks(self) -> tuple[str, ...]:
         """Sentences to know before the numbers are used."""
         # What was done to the measurements comes first: all other numbers follow from it.
-        said = [*self.repairs, *self.notes]
+        sentences = [*self.repairs, *self.notes]
         change = abs(float(self.restitution_change)) > NEGLIGIBLE
         if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
-            said.append(
+            sentences.append(
                 f"one constant C does not explain the data: from the largest to the smallest"
                 f" impact it changes by {-float(self.restitution_change):.3g} +-"
                 f" {float(self.restitution_change_error):.2g}"
                 f" (p-value {float(self.restitution_change_p_value):.2g})"
             )
         if float(self.frequency_p_value) < OTHER_BLOCK:
-            said.append(
+            sentences.append(
                 f"the durations are not those of this block, or C is not constant: another p"
                 f" explains them better (p-value {float(self.frequency_p_value):.2g});"
                 " frequency_known=False fits it"
             )
         if float(self.standard_errors["frequency_parameter"]) > 0.5 * self.frequency_parameter:
-            said.append("p cannot be told from these measurements: the block has to be given")
-        return tuple(said)
+            sentences.append(
+                "p cannot be told from these measurements: the block has to be given"
+            )
+        return tuple(sentences)
 
     def __str__(self) -> str:
         units = dict(zip(NUMBERS, ("s", "", "", "1/s", "rad"), strict=True))

@@ -120,18 +120,18 @@ def fit_free_rocking(
         measured = apply_numbering(measured, numbering)
         repairs = numbering.repairs
     # The numbering is settled: from here on peaks count as well as times.
-    found = _search(measured, known, noises)
-    _refuse(found, measured)
-    notes = _list_notes(measured, block, found) + _compare_models(measured, block, found)
+    result = _search(measured, known, noises)
+    _refuse(result, measured)
+    notes = _list_notes(measured, block, result) + _compare_models(measured, block, result)
     if math.exp(log_chance_unrepaired) < OTHER_BLOCK:
         notes += (
             "before anything was repaired, another p, or a C that changes, explained the times"
             f" better (p-value {math.exp(log_chance_unrepaired):.2g}); repair=False shows it",
         )
-    return _make_free_rocking_fit(found, measured, block, repairs, notes)
+    return _make_free_rocking_fit(result, measured, block, repairs, notes)
 
 
-class _Found(NamedTuple):
+class _SearchResult(NamedTuple):
     """The outcome of a search: the fit, statistics of it, and the noises it ended with."""
 
     about: Summary
@@ -150,7 +150,7 @@ class _Found(NamedTuple):
         return self.noises.rotations * self.about.variance**0.5
 
 
-def _search(measured: Measured, known: Known, noises: Noises) -> _Found:
+def _search(measured: Measured, known: Known, noises: Noises) -> _SearchResult:
     """Fit the numbers, and in turn with them the noises that are not given.
 
     Of one kind of measurement, the noise follows from the residuals once the numbers are
@@ -167,17 +167,19 @@ def _search(measured: Measured, known: Known, noises: Noises) -> _Found:
     kinds = [known, known.set_free(CHANGE)]
     if not known.free[FREQUENCY]:
         kinds.append(known.set_free(FREQUENCY))
-    constant, changing, *others = fit_together([measured] * len(kinds), kinds, noises)
+    constant, changing, *tuned_fits = fit_together([measured] * len(kinds), kinds, noises)
     if not is_minimum(constant, measured, known, noises):
         raise ValueError(_NO_SUCH_MOTION.format(_name_argument(measured)))
-    tuned = others[0] if others else None
+    tuned = tuned_fits[0] if tuned_fits else None
     # Of both kinds the rounds have scaled the residuals to a variance of 1.
     given = noises.known[0 if timed else 1] or (timed and peaked)
     about = summarize(measured, known, constant, changing, tuned, noises, given)
-    return _Found(about, constant, known, noises)
+    return _SearchResult(about, constant, known, noises)
 
 
-def _list_notes(measured: Measured, block: Block | None, found: _Found) -> tuple[str, ...]:
+def _list_notes(
+    measured: Measured, block: Block | None, result: _SearchResult
+) -> tuple[str, ...]:
     """Say in sentences what the measurements leave in doubt."""
     notes = []
     if block is not None and measured.peaks.size:
@@ -189,10 +191,10 @@ def _list_notes(measured: Measured, block: Block | None, found: _Found) -> tuple
                 f"{above} {are} at or above the critical angle of this block, {angle:.4g} rad,"
                 " from which none comes back: it is another block, or they are not in rad"
             )
-    freedom = found.about.freedom
+    freedom = result.about.freedom
     there = measured.times.size > 1, measured.peaks.size > 0
     # A noise that is given needs no degree of freedom to be estimated by.
-    known = [k for k, given in zip(found.noises.known, there, strict=True) if given]
+    known = [k for k, given in zip(result.noises.known, there, strict=True) if given]
     if freedom in (1, 2) and not all(known):
         word = "degree" if freedom == 1 else "degrees"
         notes.append(
@@ -201,34 +203,36 @@ def _list_notes(measured: Measured, block: Block | None, found: _Found) -> tuple
     return tuple(notes)
 
 
-def _compare_models(measured: Measured, block: Block | None, found: _Found) -> tuple[str, ...]:
+def _compare_models(
+    measured: Measured, block: Block | None, result: _SearchResult
+) -> tuple[str, ...]:
     """Say what C the other model would give, if it differs by more than a standard error.
 
     By one Gauss-Newton step from this fit: a search in the other model would take another
     program, and a difference of many standard errors need not be known to all digits.
     """
-    known = found.known
+    known = result.known
     if block is None and not measured.peaks.size:
         return ()  # whether the model matters depends on the shape, which times do not tell
     other = Nonlinear() if isinstance(known.model, Linearized) else Linearized()
     shape = known.shape
     if block is None:
-        p, angle = np.exp(found.fit.numbers[[FREQUENCY, ANGLE]]).astype(known.dtype)
+        p, angle = np.exp(result.fit.numbers[[FREQUENCY, ANGLE]]).astype(known.dtype)
         shape = jax.tree.map(np.asarray, Block.from_parameters(p, angle))
     change = compute_change_by_model(
-        found.fit.numbers,
+        result.fit.numbers,
         measured,
         known,
-        found.noises,
+        result.noises,
         known._replace(model=other, shape=shape),
     )
-    jacobian = found.fit.jacobian[:, known.free]
+    jacobian = result.fit.jacobian[:, known.free]
     scale = np.linalg.norm(jacobian, axis=0)
     step = np.zeros(known.free.size)
     step[known.free] = -np.linalg.lstsq(jacobian / scale, change)[0] / scale
-    restitution = found.about.values[RESTITUTION]
+    restitution = result.about.values[RESTITUTION]
     elsewhere = restitution * np.exp(step[RESTITUTION])
-    error = found.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
+    error = result.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
     if not abs(elsewhere - restitution) > max(error, NEGLIGIBLE):
         return ()
     validity = ", which is valid for any slenderness," if isinstance(other, Nonlinear) else ""
@@ -239,18 +243,18 @@ def _compare_models(measured: Measured, block: Block | None, found: _Found) -> t
 
 
 def _make_free_rocking_fit(
-    found: _Found,
+    result: _SearchResult,
     measured: Measured,
     block: Block | None,
     repairs: tuple[str, ...],
     notes: tuple[str, ...],
 ) -> FreeRockingFit:
     """Make the answer: arrays in the precision of the measurements, NaN where unknown."""
-    about = found.about
+    about = result.about
     times = measured.times.size if measured.times.size > 1 else 0
     peaks = measured.peaks.size
-    late, high = np.split(found.fit.residuals, [measured.times.size])
-    free = dict(zip(NUMBERS, found.known.free, strict=False))
+    late, high = np.split(result.fit.residuals, [measured.times.size])
+    free = dict(zip(NUMBERS, result.known.free, strict=False))
     values = dict(zip(NUMBERS, about.values, strict=True))
     p = values["frequency_parameter"]
     angle = values["critical_angle"]
@@ -268,14 +272,14 @@ def _make_free_rocking_fit(
         **values,
         "standard_errors": dict(zip(NUMBERS, errors, strict=True)),
         "covariance": about.covariance,
-        "time_residuals": np.where(measured.time_counts, late * found.noises.times, np.nan)[
+        "time_residuals": np.where(measured.time_counts, late * result.noises.times, np.nan)[
             :times
         ],
         "rotation_residuals": np.where(
-            measured.peak_counts, high * found.noises.rotations, np.nan
+            measured.peak_counts, high * result.noises.rotations, np.nan
         ),
-        "time_noise": found.time_noise if times else np.nan,
-        "rotation_noise": found.rotation_noise if peaks else np.nan,
+        "time_noise": result.time_noise if times else np.nan,
+        "rotation_noise": result.rotation_noise if peaks else np.nan,
         "impact_times": measured.times[:times],
         "velocity_ratios": about.velocity_ratios,
         "restitutions": about.restitutions,
@@ -286,14 +290,14 @@ def _make_free_rocking_fit(
         "frequency_p_value": about.frequency_p_value,
         "degrees_of_freedom": about.freedom,
     }
-    reals = jax.tree.map(lambda leaf: np.asarray(leaf, found.known.dtype), reals)
-    others = {
+    reals = jax.tree.map(lambda leaf: np.asarray(leaf, result.known.dtype), reals)
+    discrete = {
         "impact_numbers": measured.impacts,
         "used": measured.time_counts,
     }
-    arrays = jax.device_put({**reals, **others})  # at once, which is ten times faster
+    arrays = jax.device_put({**reals, **discrete})  # at once, which is ten times faster
     return FreeRockingFit(
-        **arrays, block=block, model=found.known.model.name, repairs=repairs, notes=notes
+        **arrays, block=block, model=result.known.model.name, repairs=repairs, notes=notes
     )
 
 
@@ -302,10 +306,10 @@ def _name_argument(measured: Measured) -> str:
     return "impact_times" if measured.times.size > 1 else "peak_rotations"
 
 
-def _refuse(found: _Found, measured: Measured) -> None:
+def _refuse(result: _SearchResult, measured: Measured) -> None:
     """Raise `ValueError` if the measurements are of no free rocking."""
-    restitution = found.about.values[RESTITUTION]
-    error = found.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
+    restitution = result.about.values[RESTITUTION]
+    error = result.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
     name = _name_argument(measured)
     if not np.isfinite(restitution + error):
         raise ValueError(_NO_SUCH_MOTION.format(name))
@@ -317,7 +321,7 @@ def _refuse(found: _Found, measured: Measured) -> None:
         )
     # There is a nearest motion to any times: the noise says whether it is near.
     if measured.times.size > 1:
-        noise = found.time_noise
+        noise = result.time_noise
         typical = float(np.median(np.diff(measured.times[measured.time_counts])))
         if noise > _ROUGH * typical:
             raise ValueError(

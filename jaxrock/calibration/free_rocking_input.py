@@ -76,11 +76,11 @@ def _check_times(times: Values) -> None:
 
 def _check_peaks(peaks: Values) -> None:
     """Raise `ValueError` if a peak rotation is 0 or cannot be in radians; NaN is allowed."""
-    wrong = (peaks == 0) | (np.abs(peaks) > np.pi / 2)
-    if wrong.any():
+    out_of_range = (peaks == 0) | (np.abs(peaks) > np.pi / 2)
+    if out_of_range.any():
         raise ValueError(
             "peak_rotations must be between -pi / 2 and pi / 2 and not 0, or NaN where unknown,"
-            f" got {peaks[wrong][0]:g}"
+            f" got {peaks[out_of_range][0]:g}"
         )
 
 

@@ -83,10 +83,10 @@ def summarize(
     freedom = measured.counted - int(free.sum())
     variance = 1.0 if noise_known else _compute_mean_square(constant, freedom)
     growth = np.exp(numbers[LAUNCH])
-    rest = np.exp(numbers[RESTITUTION : ANGLE + 1])
-    values = np.array([numbers[TIME], np.tanh(growth), *rest])
+    exponentials = np.exp(numbers[RESTITUTION : ANGLE + 1])
+    values = np.array([numbers[TIME], np.tanh(growth), *exponentials])
     # From log(artanh(x)) and the logarithms to the numbers themselves.
-    slopes = np.array([1.0, growth * (1 - values[LAUNCH] ** 2), *rest])
+    slopes = np.array([1.0, growth * (1 - values[LAUNCH] ** 2), *exponentials])
     covariance = (
         _compute_covariance(constant, free)[:5, :5] * variance * np.outer(slopes, slopes)
     )

@@ -140,8 +140,8 @@ def _list_trials(numbering: Numbering, times: np.ndarray) -> list[Numbering]:
     places = np.flatnonzero(numbering.used).tolist()
     trials = list[Numbering]()
 
-    def add(trial: Numbering, said: str) -> None:
-        trials.append(trial._replace(repairs=(*numbering.repairs, said)))
+    def add(trial: Numbering, sentence: str) -> None:
+        trials.append(trial._replace(repairs=(*numbering.repairs, sentence)))
 
     for previous, place in zip([None, *places[:-1]], places, strict=True):
         at = f"{times[place]:.4f} s"
@@ -152,6 +152,6 @@ def _list_trials(numbering: Numbering, times: np.ndarray) -> list[Numbering]:
             add(again, f"the time {at} counts an impact again: left out")
             between = f"between {times[previous]:.4f} s and {at}"
             add(numbering.skip_impact(place), f"an impact {between} is missing")
-        wrong = numbering.leave_out(place, again=False)
-        add(wrong, f"the time {at} is out of line: left out")
+        without_outlier = numbering.leave_out(place, again=False)
+        add(without_outlier, f"the time {at} is out of line: left out")
     return trials

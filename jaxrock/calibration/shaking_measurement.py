@@ -116,8 +116,8 @@ class ShakingTest(NamedTuple):
             parts = (known, along, times, np.asarray(end))
             parts = jax.tree.map(lambda leaf: np.asarray(leaf, self.dtype), parts)
             fixed = self.gravity, self.motion, self.initial
-            found = _compute_rotations(*parts, pieces, *fixed, self.model, room=self.room)
-            rotation, slope, impacts = (np.asarray(part) for part in found)
+            outputs = _compute_rotations(*parts, pieces, *fixed, self.model, room=self.room)
+            rotation, slope, impacts = map(np.asarray, outputs)
             jacobian[:, k] = slope[:until]
         return rotation[:until].astype(float), jacobian, int(impacts)
 
@@ -157,10 +157,10 @@ def _compute_rotations(
         asked = jnp.where(complete, times, 0)
 
         # The number of pieces is an argument: room for times that is not used costs nothing.
-        def fill_piece(k: Integers, found: Reals) -> Reals:
+        def fill_piece(k: Integers, rotations: Reals) -> Reals:
             some = jax.lax.dynamic_slice(asked, (k * _PIECE,), (_PIECE,))
             return jax.lax.dynamic_update_slice(
-                found, response.history(some)[0], (k * _PIECE,)
+                rotations, response.history(some)[0], (k * _PIECE,)
             )
 
         rotations = jax.lax.fori_loop(0, pieces, fill_piece, jnp.zeros_like(times))
@@ -340,9 +340,9 @@ def fit_in_parts(test: ShakingTest, restitution: float | None, noise: float | No
     #               | derivatives mean nothing          | are the answer
     # end           | numbers of the whole motion       | they are the answer
     first, *ends = _divide_motion(test.time, detect_sides(test, test.measured))
-    start, *others = _choose_starts(test, restitution, first)
+    start, *other_starts = _choose_starts(test, restitution, first)
     last = _fit_part(test, start, first, noise)
-    for numbers in others:
+    for numbers in other_starts:
         stage = _fit_part(test, numbers, first, noise)
         if stage.is_better_than(last):
             last = stage

@@ -98,8 +98,10 @@ class Grid:
                 return self.label(self.compute_all())
             return self.write_netcdf(store)
         if store is not None:
-            must = "a NetCDF file is not written in chunks; write_zarr writes a lazy dataset"
-            raise ValueError(f"store goes without chunks: {must}")
+            raise ValueError(
+                "store goes without chunks: a NetCDF file is not written in chunks;"
+                " write_zarr writes a lazy dataset"
+            )
         lazy = import_optional(f"{__package__}.lazy", "cluster")
 
         # Who chooses chunks sees only the dimensions of the dataset. The other axes have one

@@ -102,8 +102,10 @@ def choose_chunks(
             largest //= lengths[name]
         return {name: _cut_axis(name, lengths[name], size) for name, size in sizes.items()}
     if not isinstance(chunks, Mapping):
-        must = 'chunks must be "auto" or lengths by dimension, such as'
-        raise ValueError(f"{must} {{{next(iter(sizes))!r}: 50}}, got {chunks!r:.60}")
+        raise ValueError(
+            'chunks must be "auto" or lengths by dimension, such as'
+            f" {{{next(iter(sizes))!r}: 50}}, got {chunks!r:.60}"
+        )
     for name in chunks:
         if name not in sizes:
             names = ", ".join(sizes)
@@ -124,8 +126,10 @@ def _cut_axis(name: str, length: int | Sequence[int], size: int) -> tuple[int, .
             lengths = tuple(map(int, lengths))
             if sum(lengths) == size:
                 return lengths
-    must = "must be a length from 1 on, -1 for all, or lengths that add up to"
-    raise ValueError(f"chunks of {name} {must} {size}, got {length!r:.60}")
+    raise ValueError(
+        f"chunks of {name} must be a length from 1 on, -1 for all, or lengths that add up to"
+        f" {size}, got {length!r:.60}"
+    )
 
 
 def _run_task(

@@ -49,8 +49,8 @@ def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
     count = count_processors() if workers is None else workers
     if count < 1:
         raise ValueError(f"workers must be at least 1, got {workers}")
-    said = {variable: getattr(jax.config, name) for name, variable in _OF_CACHE.items()}
-    environment = {name: str(value) for name, value in said.items() if value is not None}
+    settings = {variable: getattr(jax.config, name) for name, variable in _OF_CACHE.items()}
+    environment = {name: str(value) for name, value in settings.items() if value is not None}
     usual = {"threads_per_worker": 1, "plugins": (OwnProcessors(count),), "env": environment}
     return LocalCluster(n_workers=count, processes=True, **usual | options)
 
@@ -90,24 +90,26 @@ class OwnProcessors(WorkerPlugin):
         number = read_worker_number(worker.name) % self.workers
         os.environ.update(choose_accelerator(number, self.workers, os.environ))
         if hasattr(os, "sched_setaffinity"):
-            own = choose_processors(sorted(os.sched_getaffinity(0)), number, self.workers)
+            processors = choose_processors(
+                sorted(os.sched_getaffinity(0)), number, self.workers
+            )
             # Affinity belongs to threads. New ones inherit it, running ones need a
             # call each, and some may end meanwhile.
             threads = Path("/proc/self/task")
             for thread in threads.iterdir() if threads.exists() else [Path("0")]:
                 with contextlib.suppress(ProcessLookupError):
-                    os.sched_setaffinity(int(thread.name), own)
+                    os.sched_setaffinity(int(thread.name), processors)
 
 
 def read_worker_number(name: object) -> int:
     """Read the number at the end of a worker's name; a `ValueError` if it has none."""
     # A worker without a name has its address for one, whose port is no number of a worker.
-    found = re.search(r"\d+$", str(name))
-    if not found or ":" in str(name):
+    digits = re.search(r"\d+$", str(name))
+    if not digits or ":" in str(name):
         raise ValueError(
             f"workers must have names that end in a number from 0 on, got {name!r}"
         )
-    return int(found[0])
+    return int(digits[0])
 
 
 def choose_processors(available: list[int], number: int, workers: int) -> list[int]:
@@ -135,6 +137,8 @@ def choose_accelerator(
     names = [name for name in visible.split(",") if name]
     if not names:
         return {}
-    own = {"CUDA_VISIBLE_DEVICES": names[number % len(names)]}
+    variables = {"CUDA_VISIBLE_DEVICES": names[number % len(names)]}
     # JAX would take most of its memory, which several have to share.
-    return own | ({"XLA_PYTHON_CLIENT_PREALLOCATE": "false"} if workers > len(names) else {})
+    return variables | (
+        {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"} if workers > len(names) else {}
+    )

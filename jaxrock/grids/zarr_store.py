@@ -181,15 +181,17 @@ def _select_lazy_arrays(dataset: xarray.Dataset) -> dict[str, da.Array]:
         # Zarr knows one length of chunks along a dimension, after which it names their files.
         for dim, lengths in zip(dataset[name].dims, array.chunks, strict=True):
             if len(set(lengths[:-1])) > 1 or lengths[-1] > lengths[0]:
-                must = "must have one length, the last may be shorter"
-                raise ValueError(f"chunks along {dim} {must}, got {lengths!r:.60}")
+                raise ValueError(
+                    f"chunks along {dim} must have one length, the last may be shorter,"
+                    f" got {lengths!r:.60}"
+                )
     return arrays
 
 
 def _depends_on_others(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
     """Return whether an array is computed from others of these."""
     # Walks through the layers from the array's own down, each once.
-    others = {other.name for other in arrays.values()} - {array.name}
+    other_names = {other.name for other in arrays.values()} - {array.name}
     dependencies = array.dask.dependencies
     seen = set[str]()
     left = [array.name]
@@ -197,7 +199,7 @@ def _depends_on_others(array: da.Array, arrays: Mapping[str, da.Array]) -> bool:
         if (layer := left.pop()) not in seen:
             seen.add(layer)
             left += dependencies.get(layer, ())
-    return bool(seen & others)
+    return bool(seen & other_names)
 
 
 def _begin_store(path: Path, dataset: xarray.Dataset, identity: str) -> None:
@@ -355,10 +357,10 @@ def _finish_store(path: Path, arrays: Mapping[str, da.Array]) -> None:
     for name, array in arrays.items():
         missing = {*np.ndindex(*array.numblocks)} - _list_present_chunks(path, name)
         if missing:
-            said = (
-                f"{len(missing)} chunks of {name} are not there; do all workers write to it?"
+            raise ValueError(
+                f"store: {str(path)!r}: {len(missing)} chunks of {name} are not there;"
+                " do all workers write to it?"
             )
-            raise ValueError(f"store: {str(path)!r}: {said}")
     for name in arrays:
         for left in (path / name).glob("*.partial"):
             left.unlink(missing_ok=True)

@@ -23,11 +23,11 @@ def check_continues(
     """Raise a `ValueError` that says why, unless the path is a begun store of the dataset."""
     try:
         with xarray.open_zarr(path, zarr_format=FORMAT) as there:
-            found = there.attrs
+            attributes = there.attrs
             whole = all((path / name).is_dir() for name in arrays)
             if (
-                found.get(IDENTITY) == identity
-                and found.get(MADE_BY) == name_versions()
+                attributes.get(IDENTITY) == identity
+                and attributes.get(MADE_BY) == name_versions()
                 and whole
             ):
                 # The identity says what was written; coordinates and constants may have been

@@ -69,15 +69,15 @@ def warn_of_drift(name: str, record: Record) -> None:
 
 def warn_of_drifts(names: Sequence[str], records: Sequence[Record]) -> None:
     """Warn, in one sentence, of records of a suite whose PGV is due to a drift."""
-    found = [
+    drifting = [
         f"{name!r} ({drift.peak:.3g} m/s, without the drift {drift.steady:.3g} m/s)"
         for name, record in zip(names, records, strict=True)
         if (drift := find_drift(record))
     ]
-    if found:
-        listed = ", ".join(found[:_LISTED]) + (", ..." if found[_LISTED:] else "")
+    if drifting:
+        listed = ", ".join(drifting[:_LISTED]) + (", ..." if drifting[_LISTED:] else "")
         warnings.warn(
-            f"PGV of {len(found)} of {len(records)} records is due to a drift: {listed}."
+            f"PGV of {len(drifting)} of {len(records)} records is due to a drift: {listed}."
             f" {_WAY_OUT}",
             stacklevel=2,
         )

@@ -101,21 +101,23 @@ class Record(Motion):
         shape = self.acceleration.shape
         # `Checked`, which comes after this, looks at leading axes alone: the axis of samples
         # is looked at here.
-        got = "got an array of shape"
         if shape[-1:] < (2,):
-            raise ValueError(f"acceleration must have at least two samples, {got} {shape}")
+            raise ValueError(
+                f"acceleration must have at least two samples, got an array of shape {shape}"
+            )
         # Columns of times and accelerations, as `numpy.loadtxt` reads them, are a likely
         # mistake; many records of two samples each are none that anybody would measure.
         if len(shape) > 1 and shape[-1:] == (2,) and shape[-2:-1] > (2,):
-            hint = (
-                "which would be records of two samples; pass the column of accelerations alone"
-            )
             raise ValueError(
-                f"acceleration must be samples along the last axis, {got} {shape}, {hint}"
+                "acceleration must be samples along the last axis, got an array of shape"
+                f" {shape}, which would be records of two samples;"
+                " pass the column of accelerations alone"
             )
         if self.time_step.shape == shape:
-            must = "time_step must be one number, the time from one sample to the next"
-            raise ValueError(f"{must}, {got} {shape}: as many as samples, as times are")
+            raise ValueError(
+                "time_step must be one number, the time from one sample to the next,"
+                f" got an array of shape {shape}: as many as samples, as times are"
+            )
         for name, samples in (
             ("acceleration", self.acceleration),
             ("vertical", self.vertical),
@@ -124,12 +126,16 @@ class Record(Motion):
                 _refuse_times(name, np.asarray(samples))
         for name, value in vars(self).items():
             if value is not None and value.size == 0:
-                raise ValueError(f"{name} must not be empty, {got} {value.shape}")
+                raise ValueError(
+                    f"{name} must not be empty, got an array of shape {value.shape}"
+                )
         if self.vertical is not None:
             check("vertical", self.vertical, FINITE)
             if self.vertical.shape[-1:] != shape[-1:]:
-                must = f"vertical must have as many samples as acceleration, {self.samples}"
-                raise ValueError(f"{must}, {got} {self.vertical.shape}")
+                raise ValueError(
+                    f"vertical must have as many samples as acceleration, {self.samples},"
+                    f" got an array of shape {self.vertical.shape}"
+                )
 
     def __str__(self) -> str:
         return format_derivatives(self) or (

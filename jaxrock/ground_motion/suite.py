@@ -77,10 +77,11 @@ class Suite(Printed, eqx.Module):
         self.names = tuple(map(as_text, names))
         for k, record in enumerate(self.records):
             if not isinstance(record, Record):
-                got = type(record).__name__
-                raise ValueError(f"records must be records, got a {got} as number {k + 1}")
+                raise ValueError(
+                    f"records must be records, got a {type(record).__name__} as number {k + 1}"
+                )
             samples = (record.acceleration, record.vertical)
-            if any(np.ndim(each) > 1 for each in jax.tree.leaves(samples)):
+            if any(np.ndim(component) > 1 for component in jax.tree.leaves(samples)):
                 raise ValueError(
                     f"records must be single ones, number {k + 1} is an array of them"
                 )
@@ -93,9 +94,9 @@ class Suite(Printed, eqx.Module):
             if shape != first:
                 differs = f"got {first} and, in number {k + 1}, {shape}"
                 raise ValueError(f"records must have scales of one shape, {differs}")
-        wrong = [name for name in self.names if not isinstance(name, str)]
-        if wrong:
-            raise ValueError(f"names must be words, got {wrong[0]!r}")
+        not_text = [name for name in self.names if not isinstance(name, str)]
+        if not_text:
+            raise ValueError(f"names must be words, got {not_text[0]!r}")
         if len(self.names) != len(self.records):
             counts = f"got {len(self.names)} names of {len(self.records)} records"
             raise ValueError(f"names must be as many as records, {counts}")
@@ -159,11 +160,11 @@ class Suite(Printed, eqx.Module):
         ValueError
             If there is no such measure, or a ratio is asked for without a block.
         """
-        each = [intensity_measure(record, measure, block) for record in self.records]
-        if is_traced(each):
-            return jnp.stack(each)
+        measures = [intensity_measure(record, measure, block) for record in self.records]
+        if is_traced(measures):
+            return jnp.stack(measures)
         # `jnp.stack` would compile a program for each number of records.
-        return jax.device_put(np.stack(each))
+        return jax.device_put(np.stack(measures))
 
     def factors(self, levels: Numbers, measure: str, block: Block | None = None) -> Reals:
         """Compute the factors that bring each record to levels of an intensity measure.
@@ -219,19 +220,20 @@ class Suite(Printed, eqx.Module):
         factors = as_real("factors", factors, unit="")
         check("factors", factors, FINITE)
         if factors.ndim and len(factors) != len(self):
-            got = f"got an array of shape {factors.shape}"
             raise ValueError(
-                f"factors must be one, or one for each of {len(self)} records, {got}"
+                f"factors must be one, or one for each of {len(self)} records,"
+                f" got an array of shape {factors.shape}"
             )
         if not factors.ndim:
-            each = [factors] * len(self)
+            record_factors = [factors] * len(self)
         elif is_traced(factors):
-            each = list(factors)
+            record_factors = list(factors)
         else:
             # In NumPy: JAX would compile a program to take the array apart.
-            each = list(np.asarray(factors))
+            record_factors = list(np.asarray(factors))
         scaled = [
-            record.scaled(factor) for record, factor in zip(self.records, each, strict=True)
+            record.scaled(factor)
+            for record, factor in zip(self.records, record_factors, strict=True)
         ]
         return Suite(scaled, self.names)
 
@@ -247,8 +249,8 @@ def require_positive_measures(suite: Suite, measure: str, block: Block | None = 
             warn_of_drifts(suite.names, suite.records)
         for name, value in zip(suite.names, np.asarray(measures), strict=True):
             if not (value > 0).all():
-                must = (
-                    f"every record must have a {as_text(measure)} greater than 0 to be scaled"
+                raise ValueError(
+                    f"every record must have a {as_text(measure)} greater than 0 to be scaled,"
+                    f" got {value.min():.9g} for {name!r}"
                 )
-                raise ValueError(f"{must}, got {value.min():.9g} for {name!r}")
     return measures

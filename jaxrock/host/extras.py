@@ -23,14 +23,14 @@ def find_optional(package: str, extra: str) -> Path:
 
     A `ModuleNotFoundError` says what to install.
     """
-    found = importlib.util.find_spec(package)
-    if found is None or not found.submodule_search_locations:
+    specification = importlib.util.find_spec(package)
+    if specification is None or not specification.submodule_search_locations:
         raise _make_error(package, extra)
-    return Path(found.submodule_search_locations[0])
+    return Path(specification.submodule_search_locations[0])
 
 
 def _make_error(missing: str, extra: str) -> ModuleNotFoundError:
     """Make the error of a package that is not installed."""
     package = __name__.partition(".")[0]
-    said = f"{missing} is not installed; pip install '{package}[{extra}]' brings it"
-    return ModuleNotFoundError(said, name=missing)
+    message = f"{missing} is not installed; pip install '{package}[{extra}]' brings it"
+    return ModuleNotFoundError(message, name=missing)

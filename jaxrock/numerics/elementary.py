@@ -129,8 +129,8 @@ def _rd(y: Array) -> Array:
 
 def _rd_last(y: Array) -> Array:
     """Compute R_D(1, 1, y)."""
-    one = jnp.ones_like(y)
-    return carlson_rd(one, one, y)
+    ones = jnp.ones_like(y)
+    return carlson_rd(ones, ones, y)
 
 
 arctan_ratio.defjvps(lambda dz, _, z: -2 / 3 * z * _rd(1 + z**2) * dz)

@@ -93,24 +93,24 @@ def differentiate_implicitly(
     def move_root(
         primals: PyTree, tangents: PyTree, **options: object
     ) -> tuple[PyTree, PyTree]:
-        found = find_root(*primals, **options)
+        solution = find_root(*primals, **options)
 
         def evaluate(scene: PyTree, root: Reals) -> tuple[PyTree, ...]:
             return residual(scene, root, **options)[:2]
 
         def differentiate_along(*direction: PyTree) -> PyTree:
-            return eqx.filter_jvp(evaluate, (*primals, found.root), direction)[1]
+            return eqx.filter_jvp(evaluate, (*primals, solution.root), direction)[1]
 
         # Along the scene at this root, and along the root alone: one program for both.
         both = jax.tree.map(lambda t: jnp.stack([t, jnp.zeros_like(t)]), tangents[0])
         change, values = jax.vmap(differentiate_along)(
-            both, jnp.array([0, 1], found.root.dtype)
+            both, jnp.array([0, 1], solution.root.dtype)
         )
         # Where there is no root the slope may be 0, and the quotient NaN.
-        move = -change[0] / jnp.where(found.exists, change[1], 1)
+        move = -change[0] / jnp.where(solution.exists, change[1], 1)
         total = (move, tuple(slope[0] + slope[1] * move for slope in values))
-        root, values = jax.tree.map(lambda t: jnp.where(found.exists, t, 0), total)
-        nothing = jax.tree.map(lambda leaf: None, found)
-        return found, nothing._replace(root=root, values=values)
+        root, values = jax.tree.map(lambda t: jnp.where(solution.exists, t, 0), total)
+        nothing = jax.tree.map(lambda leaf: None, solution)
+        return solution, nothing._replace(root=root, values=values)
 
     return differentiate_by_jacobian(find_root)

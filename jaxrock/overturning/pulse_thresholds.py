@@ -241,15 +241,17 @@ def survival_windows(
     >>> print(f"{found.first_overturning:.3f}", found.windows.round(3))
     2.928 [[7.706 8.085]]
     """
-    found = overturning_boundaries(block, restitution, motion, "factor", factors, model=model)
-    if found.count.ndim:
+    boundaries = overturning_boundaries(
+        block, restitution, motion, "factor", factors, model=model
+    )
+    if boundaries.count.ndim:
         raise ValueError(
-            f"one block at a time here, got an array of shape {found.count.shape}"
+            f"one block at a time here, got an array of shape {boundaries.count.shape}"
         )
     low, high = np.asarray(factors)[[0, -1]]
-    require_complete(found.complete, factor=f"between {low:g} and {high:g}")
-    edges = np.asarray(found.value)
-    if found.overturns_first:
+    require_complete(boundaries.complete, factor=f"between {low:g} and {high:g}")
+    edges = np.asarray(boundaries.value)
+    if boundaries.overturns_first:
         edges = np.append(as_real("factors", factors)[0], edges)
     # From the first overturning on, edges alternate. An even number means that the block
     # stands at the end of the range, or that it never overturns: the window, if any, is open.

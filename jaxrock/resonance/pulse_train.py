@@ -132,10 +132,10 @@ class TrainResponse(Printed, eqx.Module):
         shape = wanted.shape
         if is_traced((self, wanted)):
             flat = wanted.astype(self.times.dtype).reshape(-1)
-            found = _sample_motion(
+            rotation, velocity = _sample_motion(
                 self.rocker, *_select_motion(jnp, flat, self.times, self.after_pulses)
             )
-            return found[0].reshape(shape), found[1].reshape(shape)
+            return rotation.reshape(shape), velocity.reshape(shape)
         # One program for all numbers of times and pulses; in NumPy, which compiles nothing.
         times, after_pulses = jax.device_get((self.times, self.after_pulses))
         pieces = max(1, -(-wanted.size // _TIMES))
@@ -296,12 +296,12 @@ def _sample_motion(rocker: Rocker, motion: FreeMotion, interval: Reals) -> tuple
 def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMotion:
     """Let a block rock over an interval [s], through impacts."""
     # Below this velocity the block counts as resting: its impacts would never end.
-    rest = float(jnp.finfo(motion.x.dtype).eps) ** 2
+    least_velocity = float(jnp.finfo(motion.x.dtype).eps) ** 2
 
     # The loop goes from impact to impact; `left` is what remains of the interval.
     #
     # state                          | known                    | next
-    # at rest, x <= rest             | nothing moves any more   | ends, at rest
+    # at rest, x <= least_velocity   | nothing moves any more   | ends, at rest
     # overturned                     | it never lands           | ends, rotation grows
     # too many impacts               | not how it goes on       | ends, answers become NaN
     # in flight, lands after `left`  | the half-cycle           | ends in this half-cycle
@@ -319,7 +319,9 @@ def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMot
     def is_landing(carry: tuple[FreeMotion, Reals]) -> Booleans:
         """Tell whether the block lands before the interval ends."""
         motion, left = carry
-        goes_on = (motion.x > rest) & (motion.impacts < _MAX_IMPACTS) & ~motion.overturned
+        goes_on = (
+            (motion.x > least_velocity) & (motion.impacts < _MAX_IMPACTS) & ~motion.overturned
+        )
         return goes_on & (motion.since + left >= motion.duration)
 
     def apply_impact(carry: tuple[FreeMotion, Reals]) -> tuple[FreeMotion, Reals]:
@@ -339,7 +341,7 @@ def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMot
         return after, jnp.maximum(left - (motion.duration - motion.since), 0)
 
     motion, left = jax.lax.while_loop(is_landing, apply_impact, (motion, interval))
-    moves = motion.x > rest
+    moves = motion.x > least_velocity
     until = motion.since + left
     return motion._replace(
         x=jnp.where(moves, motion.x, 0),

@@ -54,7 +54,7 @@ def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
     with warnings.catch_warnings():
         # SciPy says so where its own rounding goes beyond the bounds.
         warnings.filterwarnings("ignore", "Values in x were outside bounds")
-        found = minimize(
+        minimum = minimize(
             lambda numbers: measure(numbers.tobytes()).loss,
             begin,
             jac=lambda numbers: measure(numbers.tobytes()).slope,
@@ -68,7 +68,7 @@ def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
             callback=lambda numbers: path.append(measure(numbers.tobytes()).objective),
             options={"maxiter": _STEPS, "ftol": problem.accuracy},
         )
-    numbers = np.clip(found.x, lows, highs)
+    numbers = np.clip(minimum.x, lows, highs)
     end = measure(numbers.tobytes())
     if problem.seeks_pulses and abs(end.log_x) < problem.tolerance:
         # As exactly as can be told, not just to the accuracy of a descent: a step of Newton's
@@ -79,7 +79,7 @@ def descend(candidate: Candidate, problem: TrainProblem) -> Candidate:
         numbers=numbers,
         loss=float(end.loss),
         violation=float(-end.room.min()),
-        ended=found.status in (0, 8),  # converged, or rounding hides any descent
+        ended=minimum.status in (0, 8),  # converged, or rounding hides any descent
         path=tuple(path),
     )
 
@@ -202,11 +202,11 @@ def _generate_moves(
     impacts = candidate.impacts.tolist()
 
     # The same half-cycle, its neighbours, and the first two that the spacing allows.
-    others = {impacts[k] - 1, impacts[k], impacts[k] + 1}
+    half_cycles = {impacts[k] - 1, impacts[k], impacts[k] + 1}
     if problem.spacing > 0:
         required = int(candidate.compute_outcome(problem).required[k])
-        others |= {required, required + 1}
-    for other in sorted({_clip_impacts(each, problem) for each in others}):
+        half_cycles |= {required, required + 1}
+    for other in sorted({_clip_impacts(half_cycle, problem) for half_cycle in half_cycles}):
         for phase in (_EARLY, _LATE):
             yield _place_pulse(candidate, k, other, phase)
 

@@ -213,8 +213,8 @@ def follow_phased_train(
     size = train.impulse.size
     first = _AfterPulse(Flight(zero, abs(train.impulse[0])), zero, zero, zero + 1)
     comes = jnp.arange(1, size) < (size if count is None else count)
-    rest = _TrainPulse(train.phase[1:], train.impulse[1:], train.impacts[1:], comes)
-    (flight, *_), later = jax.lax.scan(advance_to_pulse, first, rest)
+    later_pulses = _TrainPulse(train.phase[1:], train.impulse[1:], train.impacts[1:], comes)
+    (flight, *_), later = jax.lax.scan(advance_to_pulse, first, later_pulses)
     x = jnp.where(flight.q < 0, velocity_after_impact(rocker.restitution, flight.x), flight.x)
     # The first pulse keeps any spacing: what it lacks is negative, and nothing is required.
     first_values = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.impacts.dtype))

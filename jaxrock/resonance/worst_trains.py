@@ -243,7 +243,10 @@ def _draw_candidates(
     # a stronger one has its impacts just in time.
     log_bounds = np.log(np.geomspace(0.9 / count, 0.97, starts))
     numbers = np.column_stack([phases, weights, log_bounds])
-    return [Candidate(*each, count) for each in zip(numbers, impacts, strict=True)]
+    return [
+        Candidate(train_numbers, train_impacts, count)
+        for train_numbers, train_impacts in zip(numbers, impacts, strict=True)
+    ]
 
 
 def _make_result(

@@ -97,8 +97,10 @@ class Hazard(Printed, Checked):
         shape = self.levels.shape
         of_rates = self.rates.shape
         if len(shape) != 1 or shape[0] < 2:
-            must = "levels must be one-dimensional, of at least two values"
-            raise ValueError(f"{must}, got an array of shape {shape}")
+            raise ValueError(
+                "levels must be one-dimensional, of at least two values,"
+                f" got an array of shape {shape}"
+            )
         if of_rates != shape:
             raise ValueError(f"rates must be as many as levels, {shape[0]}, got {of_rates}")
         self.check()
@@ -110,8 +112,9 @@ class Hazard(Printed, Checked):
             second = of_rates[1]
             if second < np.finfo(of_rates.dtype).tiny:
                 counts = f", which counts as 0 in {of_rates.dtype}" if second else ""
-                must = "the first two rates must be greater than 0"
-                raise ValueError(f"{must}, got {second:.6g}{counts}")
+                raise ValueError(
+                    f"the first two rates must be greater than 0, got {second:.6g}{counts}"
+                )
             if of_rates[0] == of_rates[-1]:
                 raise ValueError(f"rates must fall with the level, got only {of_rates[0]:.6g}")
 

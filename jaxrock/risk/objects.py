@@ -46,11 +46,15 @@ def gather_objects(
     try:
         shape = np.broadcast_shapes(*shapes)
     except ValueError:
-        must = "block and restitution must have shapes that broadcast"
-        raise ValueError(f"{must}, got {', '.join(map(str, shapes))}") from None
+        raise ValueError(
+            "block and restitution must have shapes that broadcast,"
+            f" got {', '.join(map(str, shapes))}"
+        ) from None
     if len(shape) > 1:
-        must = "block and restitution must be single ones or have one axis, of objects"
-        raise ValueError(f"{must}, got shape {shape}")
+        raise ValueError(
+            "block and restitution must be single ones or have one axis, of objects,"
+            f" got shape {shape}"
+        )
     if shape == (0,):
         raise ValueError("block and restitution must be of at least one object, got none")
     # In NumPy: JAX would compile a program for each number of objects, and of values that one

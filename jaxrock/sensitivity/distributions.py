@@ -21,7 +21,7 @@ def quantiles(z: AnyArray, median: AnyArray, width: AnyArray, bounded: AnyArray)
 
     In NumPy where all is concrete and of NumPy.
     """
-    host = all(isinstance(each, np.ndarray) for each in (z, median, width, bounded))
+    host = all(isinstance(array, np.ndarray) for array in (z, median, width, bounded))
     library = np if host else jnp
     sigmoid = expit if host else jax.nn.sigmoid
     # Each branch is computed for all parameters, and the derivative of a branch that is not

@@ -133,7 +133,7 @@ def _estimate_moments(
 
 
 def _estimate_errors(
-    quadratic: np.ndarray, rest: np.ndarray, mean: float, deviation: float
+    quadratic: np.ndarray, remainder: np.ndarray, mean: float, deviation: float
 ) -> tuple[float, float]:
     """Estimate the errors of both moments by what the quadratic leaves, over the deviation.
 
@@ -141,18 +141,18 @@ def _estimate_errors(
     """
     # Standard errors are those of independent samples. The points of a Sobol sequence have
     # less noise than these, so that the error is rather overestimated.
-    noise = 2 / len(rest) ** 0.5
-    # Only the rest is sampled (a control variate): the moments of the quadratic are exact, and
-    # where the rest is small so is its noise. The answer's variance is the quadratic's plus
-    # the mean of this.
-    added = (2 * (quadratic - mean) + rest) * rest - rest.mean() ** 2
+    noise = 2 / len(remainder) ** 0.5
+    # Only the remainder is sampled (a control variate): the moments of the quadratic are
+    # exact, and where the remainder is small so is its noise. The answer's variance is the
+    # quadratic's plus the mean of this.
+    added = (2 * (quadratic - mean) + remainder) * remainder - remainder.mean() ** 2
     corrected = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
-    of_mean = float(abs(rest.mean()) + noise * rest.std())
+    of_mean = float(abs(remainder.mean()) + noise * remainder.std())
     of_deviation = abs(corrected - deviation)
     of_deviation += float(noise * added.std() / (corrected + deviation or 1.0))
     if deviation > 0:
         return of_mean / deviation, of_deviation / deviation
     # Nothing is uncertain, so that only rounding is allowed, 64 units of it.
-    rounding = 64 * float(np.finfo(rest.dtype).eps) * abs(mean)
+    rounding = 64 * float(np.finfo(remainder.dtype).eps) * abs(mean)
     error = 0.0 if max(of_mean, of_deviation) <= rounding else np.inf
     return error, error

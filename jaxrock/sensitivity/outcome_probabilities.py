@@ -250,10 +250,14 @@ def outcome_probabilities(
     derivatives = [
         np.array(parts) * blank
         for score in scores
-        for parts in zip(*(compute_derivatives(each, score) for each in outcomes), strict=True)
+        for parts in zip(
+            *(compute_derivatives(outcome, score) for outcome in outcomes), strict=True
+        )
     ]
     by_record = outcomes.mean(axis=2).T
-    intervals = [compute_interval(each, samples, confidence) for each in by_record.T]
+    intervals = [
+        compute_interval(probabilities, samples, confidence) for probabilities in by_record.T
+    ]
     low, high = np.array(intervals).T
     words = ("rocks", f"exceeds {float(ratio):g}", "overturns")
     return OutcomeProbabilities(

@@ -78,7 +78,7 @@ def compute_sobol_indices(
     for k in range(answers):
         # Beside the answers under each record, their mean over the records.
         both = np.stack([_add_mean(first[k]), _add_mean(second[k])])
-        exchanged = np.stack([_add_mean(each[k]) for each in mixed])
+        exchanged = np.stack([_add_mean(of_parameter[k]) for of_parameter in mixed])
         variance = both.transpose(1, 0, 2).reshape(1 + records, -1).var(axis=1)
         # The variance of all: within the records, and of their means.
         means = both[:, 1:].mean(axis=(0, 2))
@@ -94,10 +94,10 @@ def compute_sobol_indices(
                 "f_B": both[1, varies],
                 "f_AB": exchanged[:, varies],
             }
-            found = sobol_indices(func=values, n=samples)
+            indices = sobol_indices(func=values, n=samples)
             # SciPy leaves out axes of length 1.
-            first_order[varies] = np.reshape(found.first_order, (-1, parameters))
-            total[varies] = np.reshape(found.total_order, (-1, parameters))
+            first_order[varies] = np.reshape(indices.first_order, (-1, parameters))
+            total[varies] = np.reshape(indices.total_order, (-1, parameters))
             first_order *= variance[:, None]
             total *= variance[:, None]
         # A parameter alone explains what it does to the mean over the records. Together with

@@ -159,13 +159,13 @@ def _name_parameters(paths: Sequence[KeyPath], widths: Sequence[int]) -> tuple[s
     short = [keystr(path[-1:], simple=True) or "value" for path in paths]
     # Counted before: the sides of one block change no names of other numbers.
     unique = [short.count(name) == 1 for name in short]
-    own = set(short)
+    short_names = set(short)
     for k in widths:
         for place, side in zip((k, k + 1), SIDES, strict=True):
             before, dot, _ = full[place].rpartition(".")
             full[place] = before + dot + side
             short[place] = side
-            unique[place] &= side not in own
+            unique[place] &= side not in short_names
     return tuple(
         name if alone else path for name, path, alone in zip(short, full, unique, strict=True)
     )
@@ -189,15 +189,15 @@ def _find_widths_of_blocks(
         return tuple(first) if sides else ()
     # The names as they are come first: a dictionary may have a number called width.
     names = _name_parameters(paths, ())
-    found = []
+    places = []
     for k in first:
         described = _name_parameters(paths, [k])[k : k + 2]
         asked = [name for name in varied if name in described and name not in names]
         if asked:
             shape = [name for name in varied if name in names[k : k + 2]]
             choose_description([_cut(name) for name in asked + shape], argument)
-            found.append(k)
-    return tuple(found)
+            places.append(k)
+    return tuple(places)
 
 
 def _cut(name: str) -> str:

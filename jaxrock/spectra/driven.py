@@ -163,8 +163,8 @@ def _is_several(motion: Motion) -> bool:
     # Samples of a record have an axis of their own, along time; anything else with an axis
     # makes several motions.
     names = ("acceleration", "vertical")
-    own = {id(getattr(motion, name, None)) for name in names}
-    return any(np.ndim(leaf) > (id(leaf) in own) for leaf in jax.tree.leaves(motion))
+    sample_ids = {id(getattr(motion, name, None)) for name in names}
+    return any(np.ndim(leaf) > (id(leaf) in sample_ids) for leaf in jax.tree.leaves(motion))
 
 
 def _make_blocks(

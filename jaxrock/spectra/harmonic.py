@@ -164,11 +164,11 @@ def harmonic_spectrum(
         _USUAL,
         shared=shared,
     )
-    found = grid.build_dataset(chunks)
+    spectrum = grid.build_dataset(chunks)
     # The axes are called after pulses, which these names have in other spectra.
     for name, long_name in _AXES.items():
-        found[name].attrs["long_name"] = long_name
-    return found
+        spectrum[name].attrs["long_name"] = long_name
+    return spectrum
 
 
 def add_size(found: "xarray.Dataset", block: Block) -> "xarray.Dataset":

@@ -102,10 +102,10 @@ def overturning_map(
     shared = (block, as_real("restitution", c, unit=""))
     # By default all boundaries are listed, and how many there are is known once they have been
     # found. A lazy dataset must state its size before.
-    found = None
+    boundaries = None
     if max_boundaries is None and chunks is None:
-        found = compute(0, shared, ratios)
-        max_boundaries = found["amplitude_ratio"].shape[1]
+        boundaries = compute(0, shared, ratios)
+        max_boundaries = boundaries["amplitude_ratio"].shape[1]
     columns = _LISTED if max_boundaries is None else max_boundaries
     variables: dict[str, GridVariable] = {}
     for name, (dims, dtype, long_name) in _BOUNDARIES.items():
@@ -134,9 +134,9 @@ def overturning_map(
         columns={"boundary": columns},
         shared=shared,
     )
-    if found is None:
+    if boundaries is None:
         return grid.build_dataset(chunks)
-    return grid.label({n: np.asarray(found[n], v.dtype) for n, v in variables.items()})
+    return grid.label({n: np.asarray(boundaries[n], v.dtype) for n, v in variables.items()})
 
 
 def _search_boundaries(
@@ -151,16 +151,16 @@ def _search_boundaries(
     """Search boundaries at some frequencies; list `columns` of them, or all if it is 0."""
     durations = kind.angle / (ratios * rate)
     block, c = shared
-    found = search_amplitudes_alone(block, c, kind, durations, *search)
-    require_complete(found.complete, frequency_ratio=ratios)
+    boundaries = search_amplitudes_alone(block, c, kind, durations, *search)
+    require_complete(boundaries.complete, frequency_ratio=ratios)
     answers = {
-        "amplitude_ratio": np.asarray(found.value) / uplift,
-        "overturns_beyond": np.asarray(found.overturns_beyond, np.int8),
-        "impacts": np.asarray(found.impacts),
+        "amplitude_ratio": np.asarray(boundaries.value) / uplift,
+        "overturns_beyond": np.asarray(boundaries.overturns_beyond, np.int8),
+        "impacts": np.asarray(boundaries.impacts),
     }
     # The search has as many columns as the frequency with most boundaries in this chunk needs:
     # fewer or more than the dataset has.
-    room = max(0, columns - found.value.shape[1])
+    room = max(0, columns - boundaries.value.shape[1])
     missing = {"amplitude_ratio": math.nan, "overturns_beyond": 0, "impacts": -1}
     padded = {
         name: np.pad(values, ((0, 0), (0, room)), constant_values=missing[name])
@@ -169,6 +169,6 @@ def _search_boundaries(
     cut = {name: values[:, : columns or None] for name, values in padded.items()}
     return {
         **cut,
-        "overturns_first": np.asarray(found.overturns_first, np.int8),
-        "count": np.asarray(found.count),
+        "overturns_first": np.asarray(boundaries.overturns_first, np.int8),
+        "count": np.asarray(boundaries.count),
     }

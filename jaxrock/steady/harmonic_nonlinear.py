@@ -125,15 +125,16 @@ class PolynomialPath(HalfPeriodPath):
         polynomials = jnp.cos(jnp.multiply.outer(angle, orders))
         series = self.rotation, self.velocity, self.acceleration
         rotation, velocity, acceleration = (
-            _multiply_precisely(polynomials[..., : each.size], each) for each in series
+            _multiply_precisely(polynomials[..., : coefficients.size], coefficients)
+            for coefficients in series
         )
         return rotation, velocity, acceleration
 
 
 def solve_nonlinear(scene: HarmonicScene) -> SteadyMotion:
     """Solve for the steady motion on the branch that begins as the linearized one."""
-    unknowns, found = _solve_equations(scene)
-    return _make_steady_motion(scene, unknowns, found)
+    unknowns, solved = _solve_equations(scene)
+    return _make_steady_motion(scene, unknowns, solved)
 
 
 @eqx.filter_custom_jvp
@@ -151,7 +152,7 @@ def _(
 ) -> tuple[tuple[Reals, Booleans], tuple[Reals, None]]:
     """Differentiate the unknowns by the implicit function theorem."""
     (scene,) = primals
-    unknowns, found = _solve_equations(scene)
+    unknowns, solved = _solve_equations(scene)
 
     def residual(scene: HarmonicScene) -> Reals:
         return _compute_residuals(scene, scene.amplitude, unknowns)[0]
@@ -160,8 +161,10 @@ def _(
     jacobian = _compute_residuals(scene, scene.amplitude, unknowns)[1]
     # Unknowns that were not found are constants: a singular Jacobian would make them NaN.
     identity = jnp.eye(unknowns.size, dtype=unknowns.dtype)
-    move = jnp.linalg.solve(jnp.where(found, jacobian, identity), jnp.where(found, -change, 0))
-    return (unknowns, found), (move, None)
+    move = jnp.linalg.solve(
+        jnp.where(solved, jacobian, identity), jnp.where(solved, -change, 0)
+    )
+    return (unknowns, solved), (move, None)
 
 
 def _compute_residuals(
@@ -196,13 +199,13 @@ def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[
     half = 0.5 * scene.half_period
     rotation = half**2 * _multiply_precisely(maps.between, unknowns[:-2])
     push = unknowns[-2] * maps.cosine + unknowns[-1] * maps.sine
-    one = jnp.ones_like(push)
-    zero = jnp.zeros_like(push)
+    ones = jnp.ones_like(push)
+    zeros = jnp.zeros_like(push)
     # Elementwise, so that each derivative is a diagonal.
     return jax.vmap(
         lambda *direction: jax.jvp(scene.acceleration, (rotation, push), direction),
         out_axes=(None, 0),
-    )(jnp.stack([one, zero]), jnp.stack([zero, one]))
+    )(jnp.stack([ones, zeros]), jnp.stack([zeros, ones]))
 
 
 class _Newton(NamedTuple):
@@ -210,7 +213,7 @@ class _Newton(NamedTuple):
 
     unknowns: Reals
     amplitude: Reals  # beta for which the equations are being solved
-    found: Booleans
+    solved: Booleans
     goes_on: Booleans
     steps: Integers
 
@@ -256,24 +259,24 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
             for part in (slice(-2), slice(-2, None))
         ]
         arrived = sound & small[0] & small[1]
-        found = arrived & given & (state.amplitude == scene.amplitude)
+        solved = arrived & given & (state.amplitude == scene.amplitude)
         steps = state.steps + 1
         return _Newton(
             unknowns=unknowns,
             amplitude=jnp.where(arrived, scene.amplitude, state.amplitude),
-            found=found,
-            goes_on=sound & ~found & (steps < _ITERATIONS),
+            solved=solved,
+            goes_on=sound & ~solved & (steps < _ITERATIONS),
             steps=steps,
         )
 
     no = jnp.zeros((), bool)
     start = _Newton(unknowns, first, no, jnp.isfinite(unknowns).all(), jnp.zeros((), int))
     end = jax.lax.while_loop(lambda state: state.goes_on, take_step, start)
-    return jnp.where(end.found, end.unknowns, 1), end.found
+    return jnp.where(end.solved, end.unknowns, 1), end.solved
 
 
 def _make_steady_motion(
-    scene: HarmonicScene, unknowns: Reals, found: Booleans
+    scene: HarmonicScene, unknowns: Reals, solved: Booleans
 ) -> SteadyMotion:
     """Make the steady motion that belongs to the unknowns."""
     maps = _cast_collocation(unknowns.dtype)
@@ -284,9 +287,9 @@ def _make_steady_motion(
     landing = -half * _multiply_precisely(maps.last_slope, acceleration)
     # Where the last coefficients have not become small, more nodes would be needed.
     size = jnp.abs(coefficients).max()
-    rest = jnp.abs(coefficients[-2:]).max()
-    resolved = rest <= 0.1 * float(jnp.finfo(size.dtype).eps) ** 0.5 * size
-    exists = found & resolved & (landing > 0)
+    tail = jnp.abs(coefficients[-2:]).max()
+    resolved = tail <= 0.1 * float(jnp.finfo(size.dtype).eps) ** 0.5 * size
+    exists = solved & resolved & (landing > 0)
     path = PolynomialPath(
         rotation=half**2 * _multiply_precisely(maps.path, acceleration),
         velocity=half * _multiply_precisely(maps.velocity, acceleration),
@@ -309,9 +312,10 @@ def _compute_trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Rea
     c = scene.restitution
     _, along = _compute_node_accelerations(scene, unknowns)
     stiffness = along[0][:, None]
-    one = jnp.ones_like(along[0])
-    begun = jnp.stack([one, half * maps.elapsed], axis=1)  # of unit rotation, of unit velocity
-    matrix = jnp.eye(one.size, dtype=one.dtype) - stiffness * (half**2 * maps.onward)
+    ones = jnp.ones_like(along[0])
+    # Of unit rotation, and of unit velocity.
+    begun = jnp.stack([ones, half * maps.elapsed], axis=1)
+    matrix = jnp.eye(ones.size, dtype=ones.dtype) - stiffness * (half**2 * maps.onward)
     bent = jnp.linalg.solve(matrix, stiffness * begun)
     zero = jnp.zeros_like(half)
     end = jnp.stack([zero + 1, 2 * half]) + half**2 * _multiply_precisely(

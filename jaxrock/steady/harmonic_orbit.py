@@ -193,8 +193,8 @@ def _compute_quantities(
         return jnp.pad(flat, (0, rows * width - size), mode="edge").reshape(rows, width)
 
     scenes = jax.tree.unflatten(form, [divide_into_rows(leaf) for leaf in leaves])
-    found = jax.lax.map(jax.vmap(_solve_scene), scenes)
-    *values, exists = (part.reshape(-1)[:size].reshape(shape) for part in found)
+    solutions = jax.lax.map(jax.vmap(_solve_scene), scenes)
+    *values, exists = (part.reshape(-1)[:size].reshape(shape) for part in solutions)
     landing, phase, peak, trace = values
     launch = velocity_after_impact(restitution, landing * angle * rate)
     values = launch, phase, peak * angle, peak, trace, restitution**2

@@ -143,8 +143,8 @@ def _compute_gap(
     def land(velocity: Reals) -> tuple[Reals, Landing]:
         return compute_landing(scene, velocity, model, rtol)
 
-    one = jnp.ones_like(velocity)
-    value, rate, (outcome, time, peak) = jax.jvp(land, (velocity,), (one,), has_aux=True)
+    direction = jnp.ones_like(velocity)
+    value, rate, (outcome, time, peak) = jax.jvp(land, (velocity,), (direction,), has_aux=True)
     return value - velocity, (rate, time, peak), outcome
 
 

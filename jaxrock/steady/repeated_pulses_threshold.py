@@ -262,7 +262,7 @@ class _ThresholdSearch(NamedTuple):
     scan: (
         Scan  # of minus the logarithm of the amplitude: a scan goes down, and the amplitude up
     )
-    found: Booleans
+    located: Booleans
     goes_on: Booleans
     gain: Reals  # slope of the landing velocity there, with respect to the logarithm
     rate: Reals  # of the half-cycle map there, which takes one evaluation more
@@ -299,9 +299,9 @@ def _search_threshold(
 
     def evaluate_margin(search: _ThresholdSearch) -> _ThresholdSearch:
         scan = search.scan
-        one = zero + 1
+        unit = zero + 1
         # Once the threshold is found, along the velocity, for the rate of the map.
-        along = jnp.where(search.found, zero, one), jnp.where(search.found, one, zero)
+        along = jnp.where(search.located, zero, unit), jnp.where(search.located, unit, zero)
         margin, slope, (velocity, lands, early) = _compute_margin(
             scene, -scan.trial, along, count, model, rtol
         )
@@ -313,24 +313,24 @@ def _search_threshold(
         size = jnp.abs(new.newton)
         last = jnp.abs(scan.last.newton)
         close = (size <= tolerance) | (size <= 1e3 * tolerance) & (size >= 0.5 * last)
-        found = close & (overturns | (scan.since > 0))
-        following = scan.advance(new, found, place_point)
+        located = close & (overturns | (scan.since > 0))
+        following = scan.advance(new, located, place_point)
         # Where the block begins to be caught before it lands, it may overturn at once, with no
         # threshold in between.
         at_once = (following.since == 0) & (following.right.kind == ABOVE)
-        goes_on = found | ~at_once & (following.point <= _STEPS)
-        following = following._replace(trial=jnp.where(found, scan.trial, following.trial))
-        onward = _ThresholdSearch(following, found, goes_on, -velocity * slope, zero)
+        goes_on = located | ~at_once & (following.point <= _STEPS)
+        following = following._replace(trial=jnp.where(located, scan.trial, following.trial))
+        onward = _ThresholdSearch(following, located, goes_on, -velocity * slope, zero)
         done = search._replace(goes_on=no, rate=-velocity * slope)
-        return select_tree(search.found, done, onward)
+        return select_tree(search.located, done, onward)
 
     scan = Scan.start(place_point(0))._replace(point=jnp.zeros((), int))
     begin = _ThresholdSearch(scan, no, ~no, zero, zero)
     end = jax.lax.while_loop(lambda search: search.goes_on, evaluate_margin, begin)
     root, rate, gain = (
-        jnp.where(end.found, x, 0) for x in (-end.scan.trial, end.rate, end.gain)
+        jnp.where(end.located, x, 0) for x in (-end.scan.trial, end.rate, end.gain)
     )
-    return Root(root, (rate,), end.found, (gain,))
+    return Root(root, (rate,), end.located, (gain,))
 
 
 _find_threshold = differentiate_implicitly(_search_threshold, _compute_threshold_residual)

@@ -104,10 +104,10 @@ def as_real(name: str, value: object, *, unit: str | None = None) -> Array:
         if jnp.issubdtype(array.dtype, jnp.floating):
             value = array.dtype
 
-    must = "a real number or an array of them"
+    allowed = "a real number or an array of them"
     if isinstance(value, np.dtype):
-        must += ", in float32 or float64"
-    raise ValueError(f"{name} must be {must}, got {describe(value)}")
+        allowed += ", in float32 or float64"
+    raise ValueError(f"{name} must be {allowed}, got {describe(value)}")
 
 
 def describe(value: object) -> str:

@@ -197,8 +197,10 @@ def check_shapes(**arguments: object) -> None:
         try:
             np.broadcast_shapes(*some)
         except ValueError:
-            got = ", ".join(f"{name} of {shape}" for name, shape in shapes if shape)
-            raise ValueError(f"shapes must broadcast against each other, got {got}") from None
+            listed = ", ".join(f"{name} of {shape}" for name, shape in shapes if shape)
+            raise ValueError(
+                f"shapes must broadcast against each other, got {listed}"
+            ) from None
 
 
 def _list_shapes(

@@ -141,8 +141,8 @@ class Batch(eqx.Module):
 
         numbers = jax.tree.map(take, self.ground.numbers)
         ground = self.ground.replace_numbers(numbers)
-        own = (self.block, self.restitution, self.until, self.rotation, self.velocity)
-        block, restitution, until, rotation, velocity = jax.tree.map(take, own)
+        block_values = (self.block, self.restitution, self.until, self.rotation, self.velocity)
+        block, restitution, until, rotation, velocity = jax.tree.map(take, block_values)
         return Batch(block, restitution, ground, until, rotation, velocity)
 
     def scaled(self, factor: Number, restitution: float = 1.0) -> "Batch":

@@ -110,7 +110,9 @@ def _locate_landing(
     # Twice: the parabola is right to a few digits, and each step of Halley's method triples
     # their number.
     for _ in range(2):
-        value, steep, bent = (evaluate(each, time) for each in (path, slope, bend))
+        value, steep, bent = (
+            evaluate(coefficients, time) for coefficients in (path, slope, bend)
+        )
         below = steep * steep - 0.5 * value * bent
         time = materialize(time - value * steep / jnp.where(below > 0, below, jnp.inf))
     before = jax.lax.stop_gradient(time)
@@ -186,9 +188,13 @@ def _is_monotone(path: Coefficients, cubic: _Cubic, fourth: Reals) -> Booleans:
     third = step * (1 / 3)
     middle = c1 + 2 * third * c2, c1 + third * (4 * c2 + 3 * step * c3)
     last = c1 + step * (2 * c2 + step * 3 * c3)
-    rest = step**3 * fourth * (1 / 6)
-    rises = jnp.minimum(jnp.minimum(c1, middle[0]), jnp.minimum(middle[1], last - rest)) >= 0
-    falls = jnp.maximum(jnp.maximum(c1, middle[0]), jnp.maximum(middle[1], last + rest)) <= 0
+    remainder = step**3 * fourth * (1 / 6)
+    rises = (
+        jnp.minimum(jnp.minimum(c1, middle[0]), jnp.minimum(middle[1], last - remainder)) >= 0
+    )
+    falls = (
+        jnp.maximum(jnp.maximum(c1, middle[0]), jnp.maximum(middle[1], last + remainder)) <= 0
+    )
     # Or the slope of the cubic is not further away than this.
     apart = fourth * step**3 * _FROM_ITS_SLOPE
     slow, fast = cubic.slope_bounds()

@@ -132,16 +132,16 @@ def _convert_suite(suite: Suite, axes: int, grouped: bool) -> GroundMotions:
     names = ["acceleration", "vertical"] if has_vertical else ["acceleration"]
 
     def join_samples(name: str) -> HostReals:
-        each = [getattr(record, name) for record in suite]
-        namespace = choose_namespace(each)
+        samples = [getattr(record, name) for record in suite]
+        namespace = choose_namespace(samples)
         zeros = [namespace.zeros_like(record.acceleration) for record in suite]
-        pairs = zip(each, zeros, strict=True)
+        pairs = zip(samples, zeros, strict=True)
         return namespace.concatenate([zero if part is None else part for part, zero in pairs])
 
     def make_column(values: Sequence[HostNumbers]) -> HostNumbers:
-        own = values[0].shape
+        value_shape = values[0].shape
         namespace = choose_namespace(values)
-        shape = (len(suite), *[1] * (axes - len(own)), *own)
+        shape = (len(suite), *[1] * (axes - len(value_shape)), *value_shape)
         return namespace.stack([namespace.asarray(value) for value in values]).reshape(shape)
 
     counts = [record.samples for record in suite]
@@ -190,7 +190,9 @@ def _lay_out(
     for begin, end in limits:
         part = [component[edges[begin] : edges[end]] for component in samples]
         if not traced:
-            part = [np.pad(np.asarray(each), (0, room - each.size)) for each in part]
+            part = [
+                np.pad(np.asarray(component), (0, room - component.size)) for component in part
+            ]
         # Where there is no record, one without an interval at the very end.
         first = np.full(places, room - 1, np.int32)
         first[: end - begin] = edges[begin:end] - edges[begin]
@@ -224,8 +226,8 @@ def _make_record_input(
     # A record is finite if the running number of wrong samples is the same at its last sample
     # as before its first one.
     finite = namespace.isfinite(sum(samples))
-    wrong = namespace.cumsum(~finite, dtype=np.int32)
-    before = namespace.concatenate([namespace.zeros(1, np.int32), wrong])[first]
+    nonfinite_count = namespace.cumsum(~finite, dtype=np.int32)
+    before = namespace.concatenate([namespace.zeros(1, np.int32), nonfinite_count])[first]
 
     # The strength of an interval is the largest magnitude at its ends. Its grade says how much
     # weaker than the strongest one it is. The threshold of the last grade is 0, which every
@@ -255,7 +257,7 @@ def _make_record_input(
         horizontal=components[0],
         vertical=components[1] if components[1:] else (),
         strongest=namespace.asarray(strongest),
-        finite=wrong[first + intervals] == before,
+        finite=nonfinite_count[first + intervals] == before,
         following=following.reshape(-1),
         first_intervals=first,
         intervals=intervals,

@@ -380,9 +380,9 @@ def _follow_groups(
     places = []
     for k, part in enumerate(show_progress(ground.parts, "groups of records")):
         (place,) = np.nonzero(group == k)
-        own = rows[:, place]
-        own[-1] -= ground.begins[k]
-        separate.append(_share_out(part, own, control, program))
+        group_rows = rows[:, place]
+        group_rows[-1] -= ground.begins[k]
+        separate.append(_share_out(part, group_rows, control, program))
         places.append(place)
     order = np.argsort(np.concatenate(places))
     return jax.tree.map(lambda *parts: np.concatenate(parts)[order], *separate)

@@ -128,8 +128,9 @@ def respond(
     rtol, atol = _choose_tolerances(rtol, atol, dtype)
     solver = as_name("solver", solver, _SOLVERS)
     if not isinstance(max_impacts, int | np.integer) or max_impacts < 0:
-        got = describe(max_impacts)
-        raise ValueError(f"max_impacts must be a whole number from 0 on, got {got}")
+        raise ValueError(
+            f"max_impacts must be a whole number from 0 on, got {describe(max_impacts)}"
+        )
     # Tolerances are arrays: with another one nothing is compiled anew.
     settings = _Settings(
         rtol=np.asarray(rtol, dtype),

@@ -134,10 +134,10 @@ class Response(Printed, eqx.Module):
         )
         events = Events(*map(as_array, rows))
         driven = driven.bucketed()
-        found = [
+        histories = [
             _compute_history(driven, events, self.model, as_array(piece)) for piece in flat
         ]
-        joined = np.concatenate(found, axis=-1)[:, : times.size]
+        joined = np.concatenate(histories, axis=-1)[:, : times.size]
         return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
 
     def __str__(self) -> str:
@@ -179,14 +179,14 @@ class Response(Printed, eqx.Module):
         """Say how many impacts there were, and how many of them were not tiny."""
         # Bounces that die out are most of them: in number, not in what they do.
         count = int(self.impacts)
-        said = f"{count:,} impact{'' if count == 1 else 's'}"
+        impacts = f"{count:,} impact{'' if count == 1 else 's'}"
         speeds = abs(np.asarray(self.impact_velocities))
         speeds = speeds[np.isfinite(speeds)]
         fast = int((speeds >= _TINY * speeds.max(initial=0.0)).sum())
         # A list may be full before the last impact.
         if speeds.size < count or fast == count:
-            return said
-        return f"{said}, {fast:,} of them faster than {100 * _TINY:.0f} % of the fastest"
+            return impacts
+        return f"{impacts}, {fast:,} of them faster than {100 * _TINY:.0f} % of the fastest"
 
 
 @eqx.filter_jit

@@ -191,7 +191,7 @@ def _advance(
     repeats = before.repetitions > 0
     event = before.event
     advances = step.accepted & ~repeats
-    found = jnp.array(False)
+    detected = jnp.array(False)
     reached = jnp.array(False)
     end = before.step_end
     last = step.y
@@ -203,17 +203,19 @@ def _advance(
             jax.lax.stop_gradient(step.y)
         )
         ended = event_values <= 0
-        found = advances & (before.step_end > event_functions.earliest) & ended.any()
-        advances = advances & ~found
-        event = jnp.where(found | (before.repetitions == 1), jnp.argmin(event_values), event)
+        detected = advances & (before.step_end > event_functions.earliest) & ended.any()
+        advances = advances & ~detected
+        event = jnp.where(
+            detected | (before.repetitions == 1), jnp.argmin(event_values), event
+        )
         reaches = repeats | (ended.sum() == 1)
         reached, end, last = jax.lax.cond(
-            repeats | found,
+            repeats | detected,
             lambda: _reach_event(segment, event_functions, before, step.y, event, reaches),
             lambda: (reached, end, last),
         )
     done = (advances & (before.step_end >= length)) | reached
-    repetitions = jnp.where((repeats | found) & ~reached, before.repetitions + 1, 0)
+    repetitions = jnp.where((repeats | detected) & ~reached, before.repetitions + 1, 0)
 
     # Steps that are rejected or will be repeated leave the state where it was.
     counts = advances | done
@@ -231,13 +233,13 @@ def _advance(
     if event_functions is not None:
         next_end = step_end
         step_end = jax.lax.cond(
-            found & ~reached,
+            detected & ~reached,
             lambda: _bracket_event(stepper, event_functions, before, step),
             lambda: next_end,
         )
 
     # Written so that a NaN counts as no progress.
-    stuck = ~done & ~repeats & ~found & ~(step_end > elapsed)
+    stuck = ~done & ~repeats & ~detected & ~(step_end > elapsed)
     y = jnp.where(stuck, jnp.nan, y)
     # Only a step that advances has a proposal that a kink may have cut.
     wanted = jnp.where(advances, wanted, 0)

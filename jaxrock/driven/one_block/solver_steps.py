@@ -88,12 +88,12 @@ class Stepper:
         last, error, interpolant, solver_state, _ = self.solver.step(
             self.term, begin, end, y, segment, solver_state, made_jump=False
         )
-        one = jnp.ones_like(begin)
+        inverse_error = jnp.ones_like(begin)
         # The length of a step has no derivative: results do not depend on it, up to the
         # tolerance, but its derivative would enter them and be noise.
         tried = jax.lax.stop_gradient((begin, end, y, last, None, error))
         accepted, start, stop, *_ = self.controller.adapt_step_size(
-            *tried, self.order, (one, one, jnp.array(False))
+            *tried, self.order, (inverse_error, inverse_error, jnp.array(False))
         )
         length = jnp.asarray(stop - start)
         return Step(last, jnp.asarray(accepted), length, interpolant, solver_state)

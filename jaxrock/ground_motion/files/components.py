@@ -45,7 +45,9 @@ def make_record(horizontal: Component, *upward: Component) -> Record:
             )
     # What overflows is inf, which the record refuses.
     with np.errstate(over="ignore"):
-        accelerations, *upwards = (each.factor * each.values for each in (horizontal, *upward))
+        accelerations, *upwards = (
+            component.factor * component.values for component in (horizontal, *upward)
+        )
     try:
         record = Record(accelerations, step, *upwards)
     # Too few samples, or accelerations too large for the precision of JAX.
