@@ -81,6 +81,17 @@ def test_what_a_killed_process_left_is_named_and_removed(tmp_path, name):
     assert set(entries(tmp_path)) == expected
 
 
+def test_a_run_beside_another_overwrites_nothing(tmp_path):
+    with (
+        pytest.raises(ValueError, match=r"table' exists; --force overwrites it"),
+        write_whole("out", tmp_path, ["table"], False) as scratch,
+    ):
+        (scratch / "table").write_text("mine")
+        (tmp_path / "table").write_text("theirs")
+    assert entries(tmp_path) == ["table"]
+    assert (tmp_path / "table").read_text() == "theirs"
+
+
 def test_the_package_starts_nothing():
     """No thread, no handler, no file: only `main` does."""
     code = (

@@ -43,6 +43,11 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Raises
+    ------
+    ValueError
+        If no amplitude is greater than 0.
     """
     ax = get_axes(ax, figsize=(7.2, 4.8))
     # Contours need rising axes, and the amplitude as the first one.
