@@ -282,32 +282,6 @@ def test_the_command_in_hertz(capsys, tmp_path):
     assert "frequency [Hz],amplitude [m/s2]" in table
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--frequency 1", "frequency goes with a width only"),
-        ("--amplitude 1", "amplitude goes with a width only"),
-        ("--height 1", "height goes with a width only"),
-        (
-            "--width 0.4 --frequency-ratio 2",
-            "frequency_ratio and amplitude_ratio exclude a wi",
-        ),
-        (
-            "--width 0.4 --amplitude-ratio 2",
-            "frequency_ratio and amplitude_ratio exclude a wi",
-        ),
-        ("--width 0.4 --height 2 --slenderness 5", "exclude each other, got both"),
-        ("--width 0.4 --frequency 0", "frequency must be finite and greater than 0, got 0"),
-        ("--width 0 --height 2", "width must be finite and greater than 0, got 0"),
-    ],
-)
-def test_what_the_command_refuses(capsys, tmp_path, options, words):
-    code, _, err = run(capsys, "harmonic", *options.split(), "--out", tmp_path / "out")
-    assert code == 2
-    assert words in err
-    assert err.count("\n") == 1
-
-
 @pytest.mark.float64
 @pytest.mark.thorough
 def test_floors_of_single_precision_are_followed():

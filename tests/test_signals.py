@@ -82,12 +82,13 @@ def test_what_a_killed_process_left_is_named_and_removed(tmp_path, name):
 
 
 def test_a_run_beside_another_overwrites_nothing(tmp_path):
-    with (
-        pytest.raises(ValueError, match=r"table' exists; --force overwrites it"),
-        write_whole("out", tmp_path, ["table"], False) as scratch,
-    ):
-        (scratch / "table").write_text("mine")
-        (tmp_path / "table").write_text("theirs")
+    def write():
+        with write_whole("out", tmp_path, ["table"], False) as scratch:
+            (scratch / "table").write_text("mine")
+            (tmp_path / "table").write_text("theirs")
+
+    with pytest.raises(ValueError, match=r"table' exists; --force overwrites it"):
+        write()
     assert entries(tmp_path) == ["table"]
     assert (tmp_path / "table").read_text() == "theirs"
 

@@ -171,12 +171,12 @@ def harmonic_spectrum(
     return spectrum
 
 
-def add_size(found: "xarray.Dataset", block: Block) -> "xarray.Dataset":
+def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
     """Give a harmonic spectrum, which is of every size, the units of one block.
 
     Parameters
     ----------
-    found : xarray.Dataset
+    spectrum : xarray.Dataset
         From `harmonic_spectrum`.
     block : Block
         A single one, of the slenderness and the inertia ratio of the spectrum.
@@ -204,23 +204,23 @@ def add_size(found: "xarray.Dataset", block: Block) -> "xarray.Dataset":
     check_kind("block", block, Block)
     for name in ("slenderness", "inertia_ratio"):
         given = np.asarray(getattr(block, name))
-        expected = found.attrs[name]
+        expected = spectrum.attrs[name]
         # The attributes may be of another precision than the block.
         if given.ndim or not np.isclose(given, expected, rtol=1e-6):
             raise ValueError(
                 f"block must have the {name} of the spectrum, {expected:g}, got {given}"
             )
-    uplift = float(uplift_acceleration(block, as_model(found.attrs["model"])))
+    uplift = float(uplift_acceleration(block, as_model(spectrum.attrs["model"])))
     hertz = float(block.frequency_parameter) / (2 * np.pi)
     described = {
-        name: (ratio, found[ratio].values * unit, describe_axis(name))
+        name: (ratio, spectrum[ratio].values * unit, describe_axis(name))
         for name, ratio, unit in (
             ("frequency", "frequency_ratio", hertz),
             ("amplitude", "amplitude_ratio", uplift),
         )
     }
     numbers = {name: float(getattr(block, name)) for name in ("width", "height", "gravity")}
-    sized = found.assign_coords(described).assign_attrs(**numbers, uplift_amplitude=uplift)
+    sized = spectrum.assign_coords(described).assign_attrs(**numbers, uplift_amplitude=uplift)
     for name in described:
         # The CF conventions allow none for coordinates, of which no value is missing.
         sized[name].encoding["_FillValue"] = None

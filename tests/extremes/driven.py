@@ -247,7 +247,8 @@ def adaptive(numbers, followed):
 
 def batch(numbers, followed):
     b, slenderness, gravity, restitution, amplitude, duration, velocity = numbers
-    block, push = jr.Block(b, slenderness, gravity), jr.Rectangular(amplitude, duration)
+    block = jr.Block(b, slenderness, gravity)
+    push = jr.Rectangular(amplitude, duration)
     found = jr.respond_batch(block, restitution, push, followed, velocity=velocity)
     return jnp.stack([found.peak_rotation, found.margin, found.final_rotation])
 
