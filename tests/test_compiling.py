@@ -150,6 +150,9 @@ CALLS = {
     "local_dependence": lambda k: jr.sensitivity.local_dependence(
         block(k), 0.8, record(500 + k), jr.Uncertain({"restitution": 0.05 + 0.01 * k})
     ),
+    "driven_tornado": lambda k: jr.sensitivity.driven_tornado(
+        block(k), 0.8, record(500 + k), {"restitution": (0.7, 0.8 + 0.01 * k)}
+    ),
     "fragility": lambda k: jr.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
     "fit_driven_rocking": lambda k: jr.fit_driven_rocking(*shaking_test(k)),
     "fit_free_rocking": lambda k: jr.fit_free_rocking(
