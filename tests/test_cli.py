@@ -87,11 +87,16 @@ def read_wrong_commands():
     return list(zip(lines[::2], (line.strip() for line in lines[1::2]), strict=True))
 
 
+def write_inputs(folder):
+    """Write the files that commands read."""
+    (folder / "objects.csv").write_text("name,width [m],height [m]\nbust,0.4,1.6\n")
+    (folder / "hazard.csv").write_text("pgv [m/s],rate [1/yr]\n0.1,2e-2\n1,1e-4\n")
+    (folder / "times.csv").write_text("0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n")
+
+
 def test_every_wrong_command_ends_with_one_sentence(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "objects.csv").write_text("name,width [m],height [m]\nbust,0.4,1.6\n")
-    (tmp_path / "hazard.csv").write_text("pgv [m/s],rate [1/yr]\n0.1,2e-2\n1,1e-4\n")
-    (tmp_path / "times.csv").write_text("0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n")
+    write_inputs(tmp_path)
     before = sorted(tmp_path.iterdir())
     answers = {words: run(capsys, *shlex.split(words)) for words, _ in read_wrong_commands()}
     assert len(answers) > 100
@@ -585,3 +590,114 @@ def test_tradeoff(capsys, tmp_path):
     assert_follows_cf(tmp_path / "t" / "tradeoff.nc")
     names = ["tradeoff.csv", "tradeoff.nc", "tradeoff.png"]
     assert sorted(path.name for path in (tmp_path / "t").iterdir()) == names
+
+
+SINE_PULSE = ("--pulse", "sine", "--amplitude", 3, "--pulse-duration", 0.5)
+# Every command that writes files, with what it cannot do without.
+WRITING = {
+    "spectrum": ("spectra", ()),
+    "respond": ("respond", SINE_PULSE),
+    "rocking-spectrum": ("spectra", ()),
+    "fragility": ("fragility", ()),
+    "inventory": (
+        "inventory",
+        ("objects.csv", "--hazard", "hazard.csv", "--target", 1e-4),
+    ),
+    "critical": ("critical", ()),
+    "sensitivity": ("sensitivity", ()),
+    "sensitivity of a driven answer": ("driven_sensitivity", SINE_PULSE),
+    "harmonic": ("harmonic", ()),
+    "fit": ("fit", ("times.csv",)),
+    "tradeoff": ("tradeoff", ()),
+    "paper": ("paper", ()),
+}
+
+
+@pytest.mark.parametrize("name", WRITING)
+def test_commands_write_where_and_how_they_are_told(capsys, tmp_path, monkeypatch, name):
+    module, words = WRITING[name]
+    monkeypatch.chdir(tmp_path)
+    write_inputs(tmp_path)
+    told = []
+
+    def write_nothing(*arguments):
+        told.append(arguments)
+        raise ValueError("nothing is written")
+
+    monkeypatch.setattr(f"jaxrock.cli.{module}.write_whole", write_nothing)
+    command = (name.split(" ")[0], *words, "--out", "target")
+    for force in (False, True):
+        code, _, err = run(capsys, *command, *(["--force"] if force else []))
+        assert (code, err) == (2, "jaxrock: error: nothing is written\n")
+        assert told[-1][:2] == ("out", Path("target"))
+        assert told[-1][3] is force
+
+
+# Command lines, the function of the library that they call, and some of its arguments.
+CALLS = {
+    "spectrum": (
+        "--model auto --tolerance 0.02 --gravity 1.62 --inertia-ratio 1.2",
+        "jaxrock.cli.spectra.resonance_spectrum",
+        {"model": "auto", "tolerance": 0.02, "gravity": 1.62, "inertia_ratio": 1.2},
+    ),
+    "rocking-spectrum": (
+        "--inertia-ratio 1.2",
+        "jaxrock.cli.spectra.compute_rocking_spectrum",
+        {"inertia_ratio": 1.2},
+    ),
+    "fragility": (
+        "--tolerance 0.02 --model linearized",
+        "jaxrock.risk.fragility",
+        {"tolerance": 0.02, "model": "linearized", "uncertain": None},
+    ),
+    "harmonic": (
+        "--restitution 0.8 --cycles 7 --model linearized --slenderness 4 --inertia-ratio 1.2",
+        "jaxrock.cli.harmonic.harmonic_spectrum",
+        {
+            "restitution": 0.8,
+            "cycles": 7,
+            "model": "linearized",
+            "slenderness": 4.0,
+            "inertia_ratio": 1.2,
+        },
+    ),
+    "fit": (
+        "times.csv --width 0.2 --height 1 --frequency-unknown --model linearized"
+        " --time-noise 0.01 --no-repair",
+        "jaxrock.cli.fit.fit_free_rocking",
+        {
+            "frequency_known": False,
+            "model": "linearized",
+            "time_noise": 0.01,
+            "repair": False,
+            "rotation_noise": None,
+        },
+    ),
+    "respond": (
+        "--pulse sine --amplitude 3 --pulse-duration 0.5 --model linearized",
+        "jaxrock.driven.respond",
+        {"model": "linearized"},
+    ),
+    "inventory": (
+        "objects.csv --hazard hazard.csv --target 1e-4 --model linearized",
+        "jaxrock.cli.inventory.assess_inventory",
+        {"model": "linearized", "reported_levels": None},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_options_arrive_in_the_library(capsys, tmp_path, monkeypatch, name):
+    words, function, expected = CALLS[name]
+    monkeypatch.chdir(tmp_path)
+    write_inputs(tmp_path)
+    calls = []
+
+    def compute_nothing(*_, **arguments):
+        calls.append(arguments)
+        raise ValueError("nothing is computed")
+
+    monkeypatch.setattr(function, compute_nothing)
+    code, _, err = run(capsys, name, *words.split())
+    assert (code, err) == (2, "jaxrock: error: nothing is computed\n")
+    assert {key: calls[0][key] for key in expected} == expected
