@@ -13,6 +13,7 @@ from references import stepping
 from references.forces import Trajectory, pieces_of
 
 import jaxrock as jr
+from jaxrock.numerics import pick_larger, pick_largest, pick_smaller
 
 pytestmark = pytest.mark.float64
 NUMBERS = ["half_width", "slenderness", "restitution", "duration", "rotation", "start"]
@@ -242,3 +243,12 @@ def test_forces():
         step = 1e-4 * x[0, number] * (np.arange(x.shape[1]) == number)
         slope = (theirs(x[0] + step) - theirs(x[0] - step)) / (2 * step[number])
         np.testing.assert_allclose(found[0, FORCES, number], slope, rtol=1e-5, atol=1e-6)
+
+
+def test_of_two_equal_numbers_the_first_is_picked():
+    """With all of its derivative, in both modes; the largest along an axis likewise."""
+    for pick in (pick_larger, pick_smaller):
+        for differentiate in (jax.grad, jax.jacfwd):
+            assert differentiate(lambda x, pick=pick: pick(x, 2 * x - 1))(1.0) == 1
+    derivatives = jax.grad(pick_largest)(jnp.array([1.0, 3.0, 3.0]))
+    np.testing.assert_array_equal(derivatives, [0, 1, 0])

@@ -213,3 +213,14 @@ def test_edges_of_the_width_at_this_height():
         np.testing.assert_allclose(
             jr.critical_width(block, 0.7, just, fixed=fixed), 0.8, rtol=1e-5
         )
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("half_cycles", [2.0, 3.0, 10.0, 50.0])
+def test_the_restitution_of_1_has_the_derivative_of_an_inverse(half_cycles):
+    """At the end of what is allowed, where rounding may put the answer above 1."""
+    block = jr.Block(0.4, 5.0)
+    intensity = jr.critical_intensity(block, 1.0, half_cycles)
+    of_intensity = jax.grad(lambda c: jr.critical_intensity(block, c, half_cycles))(1.0)
+    derivative = jax.grad(lambda i: jr.critical_restitution(block, i, half_cycles))(intensity)
+    assert derivative == pytest.approx(1 / float(of_intensity), rel=1e-9)

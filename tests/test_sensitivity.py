@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import integrate, stats
 
 import jaxrock as jr
 from jaxrock.sensitivity.distributions import find_widths, quantiles
@@ -414,3 +415,28 @@ def test_a_driven_tornado_against_single_responses():
     assert bars.at_high[row] == pytest.approx(float(response.margin), rel=1e-6)
     with pytest.raises(ValueError, match=r"ranges must be one of .*, got 'mass'"):
         jr.sensitivity.driven_tornado(block, 0.8, pulse, {"mass": (1.0, 2.0)})
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("curvature", [-0.3, 0.3])
+def test_curvature_of_a_limit_state_against_quadrature(curvature):
+    """A paraboloid in normal numbers: SORM is near the integral, FORM is not."""
+    deviation = 0.1  # of the logarithms
+    distance = 1.5
+
+    def margin(at):
+        first = jnp.log(at["x"]) / deviation
+        second = jnp.log(at["y"]) / deviation
+        return distance - first - 0.5 * curvature * second**2
+
+    coefficient = math.sqrt(math.expm1(deviation**2))
+    uncertain = jr.Uncertain({"x": coefficient, "y": coefficient}, samples=256)
+    result = jr.sensitivity.failure_probability(margin, {"x": 1.0, "y": 1.0}, uncertain)
+
+    def fail(second):
+        level = distance - 0.5 * curvature * second**2
+        return stats.norm.pdf(second) * stats.norm.sf(level)
+
+    exact = integrate.quad(fail, -10, 10)[0]
+    assert result.first_order_probability == pytest.approx(stats.norm.sf(distance), rel=1e-6)
+    assert abs(result.probability - exact) < 0.3 * abs(result.first_order_probability - exact)
