@@ -126,16 +126,7 @@ def harmonic(
         dataset.to_netcdf(folder / "harmonic.nc")
         write_table(dataset, folder / "harmonic.csv")
         save_picture(plot_harmonic(dataset), folder / "harmonic.png")
-    fractions = {name: _compute_fractions(dataset[name]) for name in ("region", "from_rest")}
-    lines = [f"{dataset.region.size} points"]
-    for name, title in (("region", "steady rocking"), ("from_rest", "from rest")):
-        parts = [
-            f"{fraction:.1%} {meaning.replace('_', ' ')}"
-            for meaning, fraction in fractions[name].items()
-        ]
-        lines.append(f"{title}: {', '.join(parts)}")
-    sizes = {str(name): size for name, size in dataset.sizes.items()}
-    data: dict[str, object] = {"sizes": sizes, "model": model, **fractions}
+    lines, data = _describe_regions(dataset)
     if width is not None:
         lowest = lowest_stable_amplitude(dataset)
         lines += _describe_frequencies(dataset, lowest)
@@ -175,6 +166,24 @@ def _add_axes(dataset: "xarray.Dataset", *axes: Grid | None) -> "xarray.Dataset"
             exact = dataset[name].copy(data=read_numbers(name, values))
             dataset = dataset.assign_coords({name: exact})
     return dataset
+
+
+def _describe_regions(dataset: "xarray.Dataset") -> tuple[list[str], dict[str, object]]:
+    """Describe which fraction of the points rocks how: lines of text, and data."""
+    lines = [f"{dataset.region.size} points"]
+    data: dict[str, object] = {
+        "sizes": {str(name): size for name, size in dataset.sizes.items()},
+        "model": dataset.attrs["model"],
+    }
+    for name, title in (("region", "steady rocking"), ("from_rest", "from rest")):
+        fractions = _compute_fractions(dataset[name])
+        parts = [
+            f"{fraction:.1%} {meaning.replace('_', ' ')}"
+            for meaning, fraction in fractions.items()
+        ]
+        lines.append(f"{title}: {', '.join(parts)}")
+        data[name] = fractions
+    return lines, data
 
 
 def _compute_fractions(flags: "xarray.DataArray") -> dict[str, float]:

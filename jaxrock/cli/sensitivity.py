@@ -129,6 +129,13 @@ def sensitivity(
     motion_options.refuse_all("a pulse or a record")
     refuse("a pulse, a record or a suite", ratio=ratio, samples=samples, seed=seed)
     question = _add_intensity(question, intensity)
+    return _answer_resonance(question, out, output, about)
+
+
+def _answer_resonance(
+    question: Question, out: Path, output: FileOutput, about: Mapping[str, object]
+) -> Answer:
+    """Compute derivatives, a tornado and moments of an answer of resonance; write the files."""
     with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_tornado
 
