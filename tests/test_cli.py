@@ -459,8 +459,11 @@ def test_critical_factors_of_a_record(capsys, tmp_path):
     assert files == {"critical.csv", "critical.png"}
     # A block as heavy as a house stands; the bound is named, and the uplift is said in JSON.
     house = ("critical", "--record", "example", "--width", 900, "--height", 900)
-    code, text, _ = run(capsys, *house, "--restitution", 0.3, "--json")
+    warnings.simplefilter("default")
+    code, text, err = run(capsys, *house, "--restitution", 0.3, "--json")
     assert code == 0
+    sentence = "the block is 900 m wide and 900 m high; lengths are in metres"
+    assert err == f"jaxrock: warning: {sentence}\n"
     found = json.loads(text)
     assert found["rows"] == []
     assert found["examined"][1] == pytest.approx(50 * found["uplift_factor"])

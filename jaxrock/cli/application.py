@@ -4,6 +4,7 @@ A new command is a function in a file of this room and a line in `COMMANDS`.
 """
 
 import contextlib
+import functools
 import gc
 import logging
 import os
@@ -149,12 +150,13 @@ def _show_messages() -> Iterator[None]:
     handler.emit = lambda record: _complain(record.getMessage())
     logger = logging.getLogger("jaxrock")
     level = logger.level
+    show = functools.cache(lambda message: _complain(f"warning: {message}"))
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
     try:
         with warnings.catch_warnings():
-            # Without the path and the line of code, with which a user can do nothing.
-            warnings.showwarning = lambda message, *_, **__: _complain(f"warning: {message}")
+            # Without the path and the line of code; once, however often one is given.
+            warnings.showwarning = lambda message, *_, **__: show(str(message))
             yield
     finally:
         logger.removeHandler(handler)
