@@ -15,7 +15,7 @@ from ...validation import Integers, Reals
 from .ground_input import GroundInput
 from .initial_state import InitialState
 from .prepared_blocks import Case
-from .single_kernels import call_as_one_function
+from .single_kernels import call_as_one_function, materialize
 from .step import Lanes, max_steps
 
 
@@ -93,7 +93,9 @@ def work_off(
         )
         case = jax.tree.map(replace, next_case, case)
         resting = ground.find_next_interval(jnp.zeros_like(lanes.interval), case.excitation)
-        next_lanes = Lanes.begin(InitialState(*next_initial.T), case, resting)
+        # Here and once: XLA would gather them again for each number that a lane begins with.
+        state = materialize(InitialState(*next_initial.T))
+        next_lanes = Lanes.begin(state, case, resting)
         lanes = jax.tree.map(replace, next_lanes, lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
