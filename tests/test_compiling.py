@@ -470,13 +470,14 @@ def test_batches_of_all_sizes_take_one_program(compiled):
     assert compiled == []
 
 
-def test_blocks_in_motion_take_the_same_program(compiled):
-    jr.respond_batch(block(0), 0.9, pulses(0), 3.0)
-    jr.respond_batch(block(0), 0.9, record(), 3.0)
-    compiled.clear()
+def test_blocks_in_motion_take_one_program_more(compiled):
+    """Whichever part of the initial state is given, and how."""
     for motion in (pulses(0), record()):
+        jr.respond_batch(block(0), 0.9, motion, 3.0, rotation=0.1)
+        compiled.clear()
         jr.respond_batch(block(1), 0.9, motion, 3.0, rotation=0.1, velocity=np.zeros(5))
-    assert compiled == []
+        jr.respond_batch(block(1), 0.9, motion, 3.0, velocity=0.1)
+        assert compiled == []
 
 
 @pytest.mark.thorough

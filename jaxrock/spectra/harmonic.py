@@ -253,9 +253,9 @@ def _compute_floors(
     region, peak_near_orbit = _classify_orbits(
         block, restitution, amplitude, frequency, cycles, orbit, model
     )
-    peak_from_rest = np.asarray(
-        follow_batch(Batch.of(block, restitution, motion), model).peak_rotation
-    )
+    # With a velocity of 0, so that these blocks take the program of those that are launched.
+    from_rest = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
+    peak_from_rest = np.asarray(follow_batch(from_rest, model).peak_rotation)
     known = ~np.isnan(peak_near_orbit + peak_from_rest)
     require_complete(known.reshape(shape), frequency_ratio=parts[0], amplitude_ratio=parts[1])
     answers = {

@@ -28,16 +28,17 @@ class Batch(eqx.Module):
     ground : GroundMotions
     until : Array
         Time up to which each block is followed [s].
-    rotation, velocity : Array
-        At time 0 [rad], [rad/s].
+    rotation, velocity : Array or None
+        At time 0 [rad], [rad/s]; None, both, for blocks at rest, which take a program of their
+        own.
     """
 
     block: Block
     restitution: HostNumbers
     ground: GroundMotions
     until: HostNumbers
-    rotation: HostNumbers
-    velocity: HostNumbers
+    rotation: HostNumbers | None
+    velocity: HostNumbers | None
 
     @classmethod
     def of(
@@ -79,14 +80,16 @@ class Batch(eqx.Module):
                 # Only `advance` may lead to a start before time 0; NaN is not valid.
                 start = jnp.where(ground.start >= 0, ground.start, jnp.nan)
                 ground = ground.replace_numbers(ground.numbers._replace(start=start))
-        zero = np.zeros((), dtype)
+        if rotation is not None or velocity is not None:
+            rotation = 0.0 if rotation is None else rotation
+            velocity = 0.0 if velocity is None else velocity
         return cls(
             block=convert(block),
             restitution=convert(restitution),
             ground=ground,
             until=ground.end if duration is None else convert(duration),
-            rotation=zero if rotation is None else convert(rotation),
-            velocity=zero if velocity is None else convert(velocity),
+            rotation=convert(rotation),
+            velocity=convert(velocity),
         )
 
     @property

@@ -26,8 +26,8 @@ class BatchArguments(NamedTuple):
     length: HostNumbers  # of an interval [s]
     start: HostNumbers  # of the motion [s]
     duration: HostNumbers  # for which the block is followed [s]
-    rotation: HostNumbers  # initial, signed [rad]
-    velocity: HostNumbers  # initial, signed [rad/s]
+    rotation: HostNumbers | None  # initial, signed [rad]; None, like the velocity, at rest
+    velocity: HostNumbers | None  # initial, signed [rad/s]
     motion: (
         HostNumbers  # index of the motion, where there are several; a real as all the others
     )
@@ -51,7 +51,7 @@ class PreparedBlocks(NamedTuple):
     """Blocks as they are followed, with the unit and validity that the answers need."""
 
     case: Case
-    initial: InitialState
+    initial: InitialState | None  # None for blocks that begin at rest
     unit: Reals  # of time [s]
     valid: Booleans  # whether all arguments are allowed
 
@@ -81,8 +81,6 @@ def prepare_blocks(
     length = length / unit
     start = jnp.asarray(arguments.start) / unit
     duration = jnp.asarray(arguments.duration) / unit
-    rotation = jnp.asarray(arguments.rotation)
-    velocity = jnp.asarray(arguments.velocity) * unit
 
     # By rounding alone no block is lifted, as in `GroundInput.find_uplift`.
     needed = equation.tangent / jnp.abs(strength)
@@ -103,16 +101,19 @@ def prepare_blocks(
     )
 
     # A sum is finite only if all its terms are: one test serves all.
-    total = p_squared + equation.tangent + strength + start + velocity
+    total = p_squared + equation.tangent + strength + start
     finite = jnp.isfinite(total + restitution + length + duration) & ground.is_finite(motion)
     positive = (p_squared > 0) & (length > 0) & (duration > 0)
-    allowed = (restitution >= 0) & (restitution <= 1) & UP_TO_ITS_SIDE.contains(rotation)
-    valid = finite & positive & allowed
-
-    # A block that is not valid rests, so that it is done soon.
-    rotation = jnp.where(valid, rotation, 0)
-    velocity = jnp.where(valid, velocity, 0)
-    initial = InitialState.of(equation, rotation, velocity, start)
+    valid = finite & positive & (restitution >= 0) & (restitution <= 1)
+    initial = None
+    if arguments.rotation is not None and arguments.velocity is not None:
+        rotation = jnp.asarray(arguments.rotation)
+        velocity = jnp.asarray(arguments.velocity) * unit
+        valid = valid & UP_TO_ITS_SIDE.contains(rotation) & jnp.isfinite(velocity)
+        # A block that is not valid rests, so that it is done soon.
+        rotation = jnp.where(valid, rotation, 0)
+        velocity = jnp.where(valid, velocity, 0)
+        initial = InitialState.of(equation, rotation, velocity, start)
 
     ground_sine, ground_cosine = tilt_sine_cosine(equation, angle)
     case = Case(

@@ -59,7 +59,7 @@ class _Progress(NamedTuple):
 def work_off(
     ground: GroundInput,
     queue: Case,
-    initial: InitialState,
+    initial: InitialState | None,
     count: Integers | int,
     lanes: int,
     step: Callable[[Lanes, Case], Lanes],
@@ -67,8 +67,9 @@ def work_off(
     """Take the first `count` blocks of a queue from time 0 to their ends, by `step`."""
     dtype = queue.duration.dtype
     size = queue.duration.size
-    # One gather of rows, as for the results.
-    initial_rows = jnp.stack(initial, axis=-1)
+    # One gather of rows, as for the results. It costs 7 % of a batch of pulses: blocks that
+    # begin at rest have a program without it.
+    initial_rows = None if initial is None else jnp.stack(initial, axis=-1)
 
     def refill(progress: _Progress) -> _Progress:
         """Store the results of lanes that have finished, and give them new blocks."""
@@ -93,8 +94,10 @@ def work_off(
         )
         case = jax.tree.map(replace, next_case, case)
         resting = ground.find_next_interval(jnp.zeros_like(lanes.interval), case.excitation)
-        # Here and once: XLA would gather them again for each number that a lane begins with.
-        state = materialize(InitialState(*next_initial.T))
+        state = None
+        if next_initial is not None:
+            # Here and once: XLA would gather them for each number that a lane begins with.
+            state = materialize(InitialState(*next_initial.T))
         next_lanes = Lanes.begin(state, case, resting)
         lanes = jax.tree.map(replace, next_lanes, lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)

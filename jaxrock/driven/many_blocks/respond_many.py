@@ -219,8 +219,8 @@ def respond_batch(
     motion: Motion | Suite,
     duration: Number | None = None,
     *,
-    rotation: Number = 0.0,
-    velocity: Number = 0.0,
+    rotation: Number | None = None,
+    velocity: Number | None = None,
     model: ModelLike = Nonlinear(),
     rtol: float | None = None,
 ) -> BatchResponse:
@@ -242,7 +242,8 @@ def respond_batch(
     duration : array_like, optional
         How long to follow each block [s], greater than 0; by default to the end of the motion.
     rotation, velocity : array_like, optional
-        Initial rotation [rad] and angular velocity [rad/s]; at rest by default.
+        Initial rotation [rad] and angular velocity [rad/s]; at rest by default. Blocks that
+        move take another program than blocks at rest.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     rtol : float, optional
@@ -280,16 +281,14 @@ def respond_batch(
     >>> print(*(f"{peak:.3f} rad" for peak in response.peak_rotation), response.overturned)
     0.044 rad 0.069 rad 0.077 rad [False  True  True]
     """
-    rotation = as_real("rotation", rotation)
-    velocity = as_real("velocity", velocity)
-    restitution, duration = check_batch(
-        blocks, restitution, motion, duration, rotation=rotation, velocity=velocity
-    )
+    initial = {}
+    for name, value, unit in (("rotation", rotation, "rad"), ("velocity", velocity, "rad/s")):
+        if value is not None:
+            initial[name] = as_real(name, value, unit=unit)
+    restitution, duration = check_batch(blocks, restitution, motion, duration, **initial)
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
-    batch = Batch.of(
-        blocks, restitution, motion, duration, rotation=rotation, velocity=velocity
-    )
+    batch = Batch.of(blocks, restitution, motion, duration, **initial)
     response = follow_batch(batch, as_model(model), rtol)
     return response if batch.traced else jax.device_put(response)
 

@@ -122,8 +122,10 @@ class Lanes(eqx.Module):
         )
 
     @classmethod
-    def begin(cls, initial: InitialState, case: Case, resting: Integers) -> "Lanes":
+    def begin(cls, initial: InitialState | None, case: Case, resting: Integers) -> "Lanes":
         """Blocks at time 0; those at rest in the interval `resting`, which may lift them."""
+        if initial is None:
+            return cls.at_rest(resting, case.duration.dtype)
         intervals = case.excitation.intervals
         toppled = initial.rotation >= TOPPLED_ROTATION
         moves = (initial.rotation != 0) | (initial.velocity != 0)
