@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..calibration import FreeRockingFit, fit_free_rocking, read_impact_times
 from ..host import write_whole
 from ..tables import write_csv
 from ..validation import POSITIVE, check
 from .answers import Answer, describe_options, list_rows, save_picture
-from .options import FileOutput, Folder, ModelName, divide_sides, make_block, refuse
+from .options import FileOutput, Folder, ModelName, SizeOptions, refuse
 
 _FILES = ("fit.csv", "fit.png")
 _UNITS = {
@@ -28,16 +27,12 @@ _SUMMARY = (
 def fit(
     file: Path,
     *,
-    width: float | None = None,
-    height: float | None = None,
-    slenderness: float | None = None,
-    gravity: float | None = None,
-    inertia_ratio: float | None = None,
     frequency_unknown: bool = False,
     model: ModelName | None = None,
     time_noise: float | None = None,
     rotation_noise: float | None = None,
     no_repair: bool = False,
+    size_options: SizeOptions = SizeOptions(),
     out: Folder = Path("fit"),
     output: FileOutput = FileOutput(),
 ) -> Answer:
@@ -56,17 +51,6 @@ def fit(
     ----------
     file
         The file with the times of the impacts.
-    width
-        Full width 2b of the base [m]; if not given, the block is unknown.
-    height
-        Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness.
-    slenderness
-        Height over width [-].
-    gravity
-        Acceleration of gravity [m/s2]. 9.81 if not given.
-    inertia_ratio
-        Moment of inertia about an edge over m R^2 [-], at least 1; 4/3, of a rectangle, if not
-        given.
     frequency_unknown
         Fit p although the block is given; its shape is kept.
     model
@@ -82,18 +66,11 @@ def fit(
     """
     about = describe_options("fit", locals())
     block = None
-    if width is not None:
-        block = _make_block(width, height, slenderness, gravity, inertia_ratio)
+    if size_options.width is not None:
+        block = size_options.make_block(size_options.width)
     else:
-        refuse(
-            "a width",
-            height=height,
-            slenderness=slenderness,
-            gravity=gravity,
-            inertia_ratio=inertia_ratio,
-            frequency_unknown=frequency_unknown or None,
-            model=model,
-        )
+        unknown = {"frequency_unknown": frequency_unknown or None, "model": model}
+        refuse("a width", **vars(size_options), **unknown)
     for name, noise in (("time_noise", time_noise), ("rotation_noise", rotation_noise)):
         if noise is not None:
             check(name, noise, POSITIVE)
@@ -119,28 +96,6 @@ def fit(
         save_picture(plot_free_rocking_fit(fitted), folder / "fit.png")
     data = {"model": fitted.model, **_summarize(fitted), "rows": list_rows(columns)}
     return Answer(str(fitted), data, output, [out / name for name in _FILES])
-
-
-def _make_block(
-    width: float,
-    height: float | None,
-    slenderness: float | None,
-    gravity: float | None,
-    inertia_ratio: float | None,
-) -> Block:
-    """Make the block, of a width and one of height and slenderness."""
-    if height is not None:
-        slenderness = divide_sides(width, height, slenderness)
-    if slenderness is None:
-        raise ValueError(
-            f"height or slenderness must be given with a width, got a width of {width:g} only"
-        )
-    return make_block(
-        width,
-        slenderness,
-        9.81 if gravity is None else gravity,
-        RECTANGLE_INERTIA_RATIO if inertia_ratio is None else inertia_ratio,
-    )
 
 
 def _collect_columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[object]]:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..block import Block
 from ..driven import uplift_acceleration
 from ..grids import as_axis, write_table
 from ..host import write_whole
@@ -19,8 +19,7 @@ from .options import (
     Folder,
     Grid,
     ModelName,
-    divide_sides,
-    make_block,
+    SizeOptions,
     read_numbers,
     refuse,
 )
@@ -34,18 +33,14 @@ _MAX_LINES = 5  # of frequencies that are printed; JSON has all
 
 def harmonic(
     *,
-    width: float | None = None,
-    height: float | None = None,
-    slenderness: float | None = None,
-    gravity: float | None = None,
     restitution: float | None = None,
-    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     frequency_ratio: Grid | None = None,
     amplitude_ratio: Grid | None = None,
     frequency: Grid | None = None,
     amplitude: Grid | None = None,
     model: ModelName = "nonlinear",
     cycles: Count = 100,
+    size_options: SizeOptions = SizeOptions(),
     out: Folder = Path("harmonic"),
     output: FileOutput = FileOutput(),
 ) -> Answer:
@@ -62,18 +57,8 @@ def harmonic(
 
     Parameters
     ----------
-    width
-        Full width 2b of the base [m]; if not given, the answer is for every size of block.
-    height
-        Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness.
-    slenderness
-        Height over width [-]. 5 if neither is given.
-    gravity
-        Acceleration of gravity [m/s2]. 9.81 if not given.
     restitution
         Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given.
-    inertia_ratio
-        Moment of inertia about an edge over m R^2 [-], at least 1, for Housner's restitution.
     frequency_ratio
         Frequency of the floor over p [-], without a width; 1:12:45 if not given.
     amplitude_ratio
@@ -89,21 +74,17 @@ def harmonic(
     out
         Folder to write to; made if it is missing.
     """
+    width = size_options.width
     if width is None:
-        refuse(
-            "a width", height=height, gravity=gravity, frequency=frequency, amplitude=amplitude
-        )
+        of_size = {"height": size_options.height, "gravity": size_options.gravity}
+        refuse("a width", **of_size, frequency=frequency, amplitude=amplitude)
     elif frequency_ratio is not None or amplitude_ratio is not None:
         raise ValueError(
             "frequency_ratio and amplitude_ratio exclude a width, with which frequency in Hz"
             " and amplitude in m/s2 are given"
         )
     # Ratios do not depend on the size: 1 m stands in.
-    base = 1.0 if width is None else width
-    ratio = 5.0 if slenderness is None else slenderness
-    if height is not None:
-        ratio = divide_sides(base, height, slenderness)
-    block = make_block(base, ratio, 9.81 if gravity is None else gravity, inertia_ratio)
+    block = size_options.make_block(1.0 if width is None else width, 5.0)
     check("cycles", np.asarray(cycles), COUNT)
     if restitution is not None:
         check("restitution", restitution, UNIT_INTERVAL)
@@ -115,9 +96,9 @@ def harmonic(
         dataset = harmonic_spectrum(
             frequencies,
             amplitudes,
-            slenderness=ratio,
+            slenderness=float(block.slenderness),
             restitution=restitution,
-            inertia_ratio=inertia_ratio,
+            inertia_ratio=float(block.inertia_ratio),
             model=model,
             cycles=cycles,
         )

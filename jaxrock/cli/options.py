@@ -123,10 +123,12 @@ class BlockOptions:
     @functools.cached_property
     def block(self) -> Block:
         """The block."""
-        slenderness = 5.0 if self.slenderness is None else self.slenderness
-        if self.height is not None:
-            slenderness = divide_sides(self.width, self.height, self.slenderness)
-        block = make_block(self.width, slenderness, self.gravity, self.inertia_ratio)
+        slenderness = self.slenderness
+        if self.height is None and slenderness is None:
+            slenderness = 5.0
+        block = make_block(
+            self.width, self.height, slenderness, self.gravity, self.inertia_ratio
+        )
         _warn_of_large(block)
         return block
 
@@ -146,22 +148,57 @@ class BlockOptions:
         return housner
 
 
-def divide_sides(width: float, height: float, slenderness: float | None) -> float:
-    """Return the slenderness of a block with these sides; it must not be given as well."""
-    if slenderness is not None:
-        raise ValueError(
-            f"height and slenderness exclude each other, got {height:g} and {slenderness:g}"
+@_OF_BLOCK
+@dataclass(frozen=True, kw_only=True)
+class SizeOptions:
+    """Options that describe a block which need not be known."""
+
+    width: float | None = None
+    """Full width 2b of the base [m]; without it the block is not known, or of any size."""
+    height: float | None = None
+    """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
+    slenderness: float | None = None
+    """Height over width [-]."""
+    gravity: float | None = None
+    """Acceleration of gravity [m/s2]. 9.81 if not given."""
+    inertia_ratio: float | None = None
+    """Moment of inertia about an edge over m R^2 [-], at least 1. 4/3 if not given."""
+
+    def make_block(self, width: float, default_slenderness: float | None = None) -> Block:
+        """Make the block of this width, and perhaps of a slenderness if nothing says more."""
+        slenderness = self.slenderness
+        if self.height is None and slenderness is None:
+            slenderness = default_slenderness
+        return make_block(
+            width,
+            self.height,
+            slenderness,
+            9.81 if self.gravity is None else self.gravity,
+            RECTANGLE_INERTIA_RATIO if self.inertia_ratio is None else self.inertia_ratio,
         )
-    check("width", width, POSITIVE)
-    check("height", height, POSITIVE)
-    return height / width
 
 
 def make_block(
-    width: float, slenderness: float, gravity: float, inertia_ratio: float
+    width: float,
+    height: float | None,
+    slenderness: float | None,
+    gravity: float,
+    inertia_ratio: float,
 ) -> Block:
-    """Make a block from the full width of its base [m]."""
+    """Make a block of the full width of its base, and of either its height or its slenderness."""
     check("width", width, POSITIVE)
+    if height is not None:
+        if slenderness is not None:
+            raise ValueError(
+                f"height and slenderness exclude each other, got {height:g} and"
+                f" {slenderness:g}"
+            )
+        check("height", height, POSITIVE)
+        slenderness = height / width
+    if slenderness is None:
+        raise ValueError(
+            f"height or slenderness must be given with a width, got a width of {width:g} only"
+        )
     return Block(width / 2, slenderness, gravity, inertia_ratio)
 
 
