@@ -11,8 +11,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Raises
     ------
     SystemExit
-        With 2 for a command that is not allowed or cannot be done, 130 after Ctrl-C, and with
-        what the answer of the command says.
+        With 2 if the command is refused or fails, 130 after Ctrl-C, 141 if the reader of its
+        output has gone, and with the code of its answer if that is not 0.
     """
     handler = signal.getsignal(signal.SIGINT)
     if arguments is None and handler is signal.default_int_handler:

@@ -64,7 +64,7 @@ def describe_options(
     Returns
     -------
     dict
-        Attributes of the CF conventions.
+        Attributes of a NetCDF file, or the lines above a table.
     """
     described: dict[str, Any] = {}
     for name, value in options.items():
@@ -91,7 +91,7 @@ def describe_options(
 
 
 def _make_attribute(value: object) -> str | int | float:
-    """Make an attribute of the CF conventions, which is a number or text."""
+    """Make a value an attribute of a NetCDF file: a number or text."""
     # NetCDF has no type for a bool, which Python counts as an int.
     if isinstance(value, bool):
         return int(value)

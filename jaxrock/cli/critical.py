@@ -65,13 +65,14 @@ def critical(
         Quantity to seek instead of giving it; by default a pulse's amplitude, a record's
         factor.
     values
-        Values to examine; by default amplitudes or factors of 1 to 10 or 50 times uplift.
+        Values to examine. If not given, factors of 1 to 50 times uplift, or amplitudes of 1 to
+        10 times uplift, and of 10 to 100 if there is no boundary among these.
     model
         Equation of motion under a pulse or a record; nonlinear if not given.
     out
         Folder for critical.csv and critical.png; none is written if not given.
     """
-    about = describe_options("critical", locals())
+    options = dict(locals())
     block = block_options.block
     c = block_options.coefficient
     search = None
@@ -84,6 +85,7 @@ def critical(
         refuse("a pulse or a record", along=along, values=values, model=model)
         motion_options.refuse_all("a pulse or a record")
         check("intensity", pulse, NON_NEGATIVE)
+        options |= {"intensity": pulse, "half_cycles": counts}
         for count in read_numbers("half_cycles", counts):
             check("half_cycles", count, COUNT)
     writing = contextlib.nullcontext()
@@ -92,6 +94,7 @@ def critical(
     with writing as folder:
         limits = find_limits(search) if search else compute_limits(block, c, pulse, counts)
         if folder is not None:
+            about = describe_options("critical", options)
             write_csv(folder / "critical.csv", limits.columns, _UNITS, about)
             save_picture(limits.draw(), folder / "critical.png")
     files = [] if out is None else [out / name for name in _FILES]

@@ -204,7 +204,7 @@ def _compute_bars(asked: DrivenQuestion) -> TornadoBars:
         scale=asked.scale,
         model=question.model,
     )
-    # Pulses are made to measure: one that overturns the block is a wrong question.
+    # The user chose the pulse: if it overturns the block there is no tornado to be drawn.
     if isinstance(asked.motion, Pulse) and not np.isfinite(bars.value):
         raise ValueError(question.describe_missing())
     return replace(bars, sides=question.sides)

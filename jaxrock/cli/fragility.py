@@ -68,7 +68,8 @@ def fragility(
         Peak ground velocity [m/s] or acceleration [m/s2], or their ratios to those of the
         block.
     levels
-        Increasing levels of the measure for the curves; by default by the size of the block.
+        Increasing levels of the measure for the curves; if not given, 25 that suit the size of
+        the block.
     threshold
         Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning".
     tolerance
@@ -82,7 +83,7 @@ def fragility(
     out
         Folder to write to; made if it is missing. "fragility" if not given.
     """
-    about = describe_options("fragility", locals())
+    options = dict(locals())
     block = block_options.block
     c = block_options.coefficient
     suite = suite_options.read_suite()
@@ -95,8 +96,10 @@ def fragility(
     site = None if hazard is None else Site(suite, hazard, measure)
     uncertainty = _read_uncertain(uncertain, samples)
     if uncertainty is not None:
+        options["samples"] = uncertainty.samples
         # Drawn once here, so that a name that is none is refused before anything is computed.
         uncertainty.draw(block, c)
+    about = describe_options("fragility", options)
     compute = functools.partial(
         risk.fragility,
         block,
@@ -126,7 +129,7 @@ def fragility(
                 data["rate_with_uncertainty"] = float(mean.rate)
         return Answer("\n".join(lines), data, output)
 
-    if store_options.check(out, output.force):
+    if store_options.wants_store(out, output.force):
         return write_store(compute(chunks="auto").assign_attrs(about), store_options, answer)
     target = out or Path("fragility")
     with write_whole("out", target, _FILES, output.force) as folder:

@@ -62,9 +62,11 @@ def harmonic(
     frequency_ratio
         Frequency of the floor over p [-], without a width; 1:12:45 if not given.
     amplitude_ratio
-        Amplitude of the floor over what just lifts the block [-]; 60, 0.05 to 12, if not given.
+        Amplitude of the floor over what just lifts the block [-]. If
+        not given, 60 values from 0.05 to 12, even in logarithms.
     frequency
-        Frequency of the floor [Hz], with a width; 45, from 1 to 12 p / 2 pi, if not given.
+        Frequency of the floor [Hz], with a width. If not given, 45 values from 1 to 12
+        times p / (2 pi).
     amplitude
         Amplitude of the floor [m/s2], with a width; as with amplitude_ratio if not given.
     model

@@ -118,8 +118,8 @@ class BlockOptions:
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO
     """Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle."""
 
-    # Kept, since it warns; the class is frozen, but a cached property stands in the dictionary
-    # of the instance.
+    # Cached, so that it warns once. This works in a frozen dataclass: the value goes into the
+    # dictionary of the instance.
     @functools.cached_property
     def block(self) -> Block:
         """The block."""
@@ -238,14 +238,11 @@ class RecordOptions:
         """The factor on the ground motion."""
         return 1.0 if self.scale is None else self.scale
 
-    def read_unscaled(self, default: str | None = None) -> Motion:
-        """Read the record, without the factor."""
-        record = self.record or default
-        if record is None:
-            raise ValueError("record must be given")
-        if record != "example":
+    def read_unscaled(self) -> Motion:
+        """Read the record, by default the example, without the factor."""
+        if self.record not in (None, "example"):
             return read_record(
-                record,
+                self.record,
                 unit=self.unit,
                 column=self.column,
                 vertical=self.vertical,
@@ -261,9 +258,9 @@ class RecordOptions:
             )
         return example_record(column, vertical=self.vertical is not None)
 
-    def read(self, default: str | None = None) -> Motion:
-        """Read the record, scaled; the one named by `default` if none is given."""
-        return self.read_unscaled(default).scaled(self.factor)
+    def read(self) -> Motion:
+        """Read the motion, scaled."""
+        return self.read_unscaled().scaled(self.factor)
 
     def refuse_all(self, only_with: str) -> None:
         """Raise `ValueError` if any of these options is given."""
@@ -287,7 +284,7 @@ class MotionOptions(RecordOptions):
         """True if a pulse or a record is given."""
         return self.pulse is not None or self.record is not None
 
-    def read_unscaled(self, default: str | None = None) -> Motion:
+    def read_unscaled(self) -> Motion:
         """Make the pulse, or read the record, without the factor."""
         if self.pulse is None and self.record is None:
             raise ValueError("pulse or record must be given, got neither")
@@ -298,7 +295,7 @@ class MotionOptions(RecordOptions):
         if self.pulse is None:
             of_pulse = ("amplitude", "pulse_duration")
             refuse("a pulse", **{name: getattr(self, name) for name in of_pulse})
-            return super().read_unscaled(default)
+            return super().read_unscaled()
         of_record = ("unit", "column", "vertical", "time_step")
         refuse("a record", **{name: getattr(self, name) for name in of_record})
         if self.amplitude is None or self.pulse_duration is None:
@@ -387,8 +384,8 @@ class StoreOptions:
     workers: Count | None = None
     """Processes of this machine that compute the store; one for each processor if not given."""
 
-    def check(self, out: Path | None, force: bool) -> bool:
-        """Return whether there is a store; `ValueError` for options that exclude each other."""
+    def wants_store(self, out: Path | None, force: bool) -> bool:
+        """Return whether a store is wanted; `ValueError` for options that exclude each other."""
         if self.store is None:
             refuse("a store", workers=self.workers)
             return False

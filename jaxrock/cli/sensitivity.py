@@ -107,7 +107,7 @@ def sensitivity(
     out
         Folder to write to; made if it is missing.
     """
-    about = describe_options("sensitivity", locals())
+    options = dict(locals())
     driven = motion_options.given or records is not None
     if records is not None:
         refuse("one motion", answer=answer, relative_change=relative_change)
@@ -125,11 +125,16 @@ def sensitivity(
     if driven:
         refuse("instantaneous pulses", intensity=intensity)
         asked = ask_driven(question, motion_options, records, ratio, samples, seed)
-        return answer_driven(asked, out, output, about)
+        options |= {"ratio": asked.ratio, "samples": asked.samples, "seed": asked.seed}
+        if records is None:
+            options["relative_change"] = question.relative_change
+        return answer_driven(asked, out, output, describe_options("sensitivity", options))
     motion_options.refuse_all("a pulse or a record")
     refuse("a pulse, a record or a suite", ratio=ratio, samples=samples, seed=seed)
     question = _add_intensity(question, intensity)
-    return _answer_resonance(question, out, output, about)
+    options["relative_change"] = question.relative_change
+    options["intensity"] = question.at.get("intensity")
+    return _answer_resonance(question, out, output, describe_options("sensitivity", options))
 
 
 def _answer_resonance(

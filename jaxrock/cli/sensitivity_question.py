@@ -71,7 +71,7 @@ class Question(NamedTuple):
         return Uncertain(coefficients, samples=samples, seed=seed)
 
     def describe_missing(self) -> str:
-        """Describe that the answer does not exist for a block that overturns."""
+        """Say that there is no answer, since the block overturns."""
         given = f"restitution {self.at['restitution']:.4g}"
         if "intensity" in self.at:
             given += f" and {self.at['intensity']:g} m/s"
@@ -87,7 +87,7 @@ def ask(
     relative_change: float,
     coefficient_of_variation: float,
 ) -> Question:
-    """Check the question of a block; what shakes it adds parameters."""
+    """Check the options, and make the question; the motion adds parameters to it."""
     check("relative_change", relative_change, POSITIVE)
     if relative_change >= 1:
         raise ValueError(f"relative_change must be less than 1, got {relative_change:g}")

@@ -48,7 +48,8 @@ def spectrum(
     """Compute resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
 
     Writes spectrum.nc, spectrum.csv and spectrum.png. Values of the grid are given one by
-    one, or as START:STOP:COUNT. A grid too large for that goes to a Zarr store.
+    one, or as START:STOP:COUNT. For many million points use --store: workers compute
+    the store, and it can be continued.
 
     Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
 
@@ -103,7 +104,7 @@ def spectrum(
         data = {"sizes": sizes, "model": model, "overturned": overturned}
         return Answer(text, data, output, files)
 
-    if store_options.check(out, output.force):
+    if store_options.wants_store(out, output.force):
         return write_store(
             compute(chunks="auto").assign_attrs(about),
             store_options,
@@ -155,7 +156,7 @@ def rocking_spectrum(
     check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
     compute = functools.partial(
         compute_rocking_spectrum,
-        record_options.read(default="example"),
+        record_options.read(),
         as_axis("period", read_numbers("period", period)),
         as_axis("slenderness", read_numbers("slenderness", slenderness)),
         as_axis("restitution", read_numbers("restitution", restitution)),
@@ -169,7 +170,7 @@ def rocking_spectrum(
         sizes = {str(name): size for name, size in dataset.sizes.items()}
         return Answer(text, {"sizes": sizes}, output, files)
 
-    if store_options.check(out, output.force):
+    if store_options.wants_store(out, output.force):
         return write_store(compute(chunks="auto").assign_attrs(about), store_options, answer)
     target = out or Path("rocking_spectrum")
     files = [target / name for name in _ROCKING_FILES]

@@ -65,7 +65,10 @@ def write_store(
             # Only for somebody who watches: in a log the address would be a line that differs.
             if sys.stderr.isatty():
                 print(f"jaxrock: dashboard at {client.dashboard_link}", file=sys.stderr)
-            stored = write_zarr(lazy, options.store)
+            try:
+                stored = write_zarr(lazy, options.store)
+            except RuntimeError as error:  # such as where workers have no jaxrock
+                raise ValueError(f"the workers cannot do it: {error}") from error
             with xarray.open_zarr(options.store, zarr_format=2) as dataset:
                 answer = make_answer(dataset)
     # Errors of Dask are long and about its insides.
@@ -77,8 +80,6 @@ def write_store(
         # What Dask leaves undone it reports later, in many lines.
         logging.getLogger("asyncio").setLevel(logging.CRITICAL)
         raise
-    except RuntimeError as error:  # such as where workers have no jaxrock
-        raise ValueError(f"the workers cannot do it: {error}") from error
     data = {
         "store": str(options.store),
         "chunks": stored.chunks,

@@ -158,7 +158,7 @@ def _propose_middle(iterate: _Iterate, library: ModuleType) -> AnyArray:
 
 
 def compute_middle(low: AnyArray, high: AnyArray) -> AnyArray:
-    """Compute the middle of intervals, to the same bits for all that bisect."""
+    """Compute the middle of intervals, to the same bits in all searches for boundaries."""
     return 0.5 * (low + high)
 
 

@@ -84,8 +84,8 @@ def average_samples(
     site : Site
     """
     means = contributions.mean(axis=-1)
-    # Of each sample, and their mean: samples of a record share its windows, and are no further
-    # records.
+    # A bound for each sample, then the mean: samples of one record have the same windows, and do
+    # not count as more records.
     bounds = np.asarray(bound_not_detected(overturned, np.asarray(site.rates)))
     return SampleMeans(
         rate=means.mean(axis=0),

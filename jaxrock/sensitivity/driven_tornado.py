@@ -69,7 +69,7 @@ def driven_tornado(
     """
     check_kind("block", block, Block)
     check_batch(block, restitution, motion, None)
-    factor = as_real("scale", scale)
+    factor = as_real("scale", scale, unit="")
     medians = {
         **size_of(block, "sides" if set(SIDES) & ranges.keys() else "shape"),
         "restitution": restitution,

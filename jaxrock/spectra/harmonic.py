@@ -253,7 +253,7 @@ def _compute_floors(
     region, peak_near_orbit = _classify_orbits(
         block, restitution, amplitude, frequency, cycles, orbit, model
     )
-    # With a velocity of 0, so that these blocks take the program of those that are launched.
+    # A velocity, though it is 0: with one the program compiled for launched blocks serves.
     from_rest = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
     peak_from_rest = np.asarray(follow_batch(from_rest, model).peak_rotation)
     known = ~np.isnan(peak_near_orbit + peak_from_rest)

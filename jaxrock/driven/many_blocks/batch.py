@@ -29,8 +29,8 @@ class Batch(eqx.Module):
     until : Array
         Time up to which each block is followed [s].
     rotation, velocity : Array or None
-        At time 0 [rad], [rad/s]; None, both, for blocks at rest, which take a program of their
-        own.
+        At time 0 [rad], [rad/s]. Both are None for blocks at rest, which take a program without
+        them.
     """
 
     block: Block
@@ -157,10 +157,10 @@ class Batch(eqx.Module):
         )
 
     def advance(self, time: HostNumbers) -> "Batch":
-        """Let the motions have begun a time before time 0 [s].
+        """Start the motions a time earlier [s], so that they are under way at time 0.
 
         For blocks that move at time 0, and a time within the first interval of the input, such
-        as the first period of a `Harmonic`. All of the motion ends earlier.
+        as the first period of a `Harmonic`. The end of the motions moves as well.
         """
         time = choose_namespace([time]).asarray(time, self.dtype)
         ground = self.ground

@@ -23,7 +23,7 @@ class InitialState(NamedTuple):
     def of(
         cls, equation: Equation, rotation: Reals, velocity: Reals, start: Reals
     ) -> "InitialState":
-        """Put blocks on the sides to which they are rotated, or move from the ground."""
+        """Take the side from the sign of the rotation, or where that is 0 of the velocity."""
         towards = jnp.where(rotation == 0, velocity, rotation)
         side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
         return cls(
@@ -38,10 +38,10 @@ _State = tuple[Reals, Reals, Reals]  # rotation, velocity, and the time since th
 def _measure_from_start(
     rotation: Reals, velocity: Reals, equation: Equation, start: Reals
 ) -> _State:
-    """Return the state at time 0, with its derivative where the motion starts then.
+    """Return the state at time 0, with a one-sided derivative where the motion starts then.
 
-    A motion that starts at time 0 cannot start earlier. So the derivative is that for a later
-    start, as in `respond`: the block moves freely until then.
+    A start at time 0 cannot move to an earlier time. The derivative is for a later start, as in
+    `respond`: until then the block moves freely.
     """
     del equation
     return rotation, velocity, -start

@@ -242,8 +242,8 @@ def respond_batch(
     duration : array_like, optional
         How long to follow each block [s], greater than 0; by default to the end of the motion.
     rotation, velocity : array_like, optional
-        Initial rotation [rad] and angular velocity [rad/s]; at rest by default. Blocks that
-        move take another program than blocks at rest.
+        Initial rotation [rad] and angular velocity [rad/s]; at rest by default. If either
+        is given, even as 0, the batch takes another program.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     rtol : float, optional

@@ -226,8 +226,8 @@ def take_step(
     side = jnp.where(flight.lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side))
     velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
     rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
-    # A block at rest that is not lifted at once forgets how it might have begun to move: only
-    # derivatives with respect to its initial state change.
+    # A block at rest that is not lifted at once stays there, whatever derivatives its initial
+    # state has: these become 0, and no value changes.
     forgets = before_end & ~(lifted & (wait <= 0))
     standing = lanes.rotation, lanes.velocity
     standing = jax.tree.map(

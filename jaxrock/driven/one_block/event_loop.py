@@ -264,8 +264,8 @@ def _wait(integration: Integration, state: State, stop: Reals) -> State:
     acts = integration.driven.motion.acts(state.time)
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
-    # A block that is not lifted at once forgets how it might have begun to move: only
-    # derivatives with respect to its initial state change.
+    # A block that is not lifted at once stays at rest, whatever derivatives its initial state
+    # has: these become 0, and no value changes.
     waits = until > state.time
     return state._replace(
         time=until,
