@@ -299,7 +299,9 @@ class MotionOptions(RecordOptions):
         of_record = ("unit", "column", "vertical", "time_step")
         refuse("a record", **{name: getattr(self, name) for name in of_record})
         if self.amplitude is None or self.pulse_duration is None:
-            raise ValueError("amplitude and pulse_duration must be given with a pulse")
+            of_pulse = ("amplitude", "pulse_duration")
+            missing = [name for name in of_pulse if getattr(self, name) is None]
+            raise ValueError(f"{' and '.join(missing)} must be given with a pulse")
         return PULSES[self.pulse](self.amplitude, self.pulse_duration)
 
 
