@@ -49,6 +49,8 @@ def write_store(
     from ..grids import local_cluster, write_zarr
 
     assert options.store is not None
+    # What Ctrl-C leaves undone in Dask would be reported in many lines.
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
     try:
         with contextlib.ExitStack() as stack:
             with _shield_from_interrupts():
@@ -76,10 +78,6 @@ def write_store(
         raise ValueError(
             f"workers ended again and again at one chunk, perhaps for want of memory: {error}"
         ) from error
-    except KeyboardInterrupt:
-        # What Dask leaves undone it reports later, in many lines.
-        logging.getLogger("asyncio").setLevel(logging.CRITICAL)
-        raise
     data = {
         "store": str(options.store),
         "chunks": stored.chunks,
