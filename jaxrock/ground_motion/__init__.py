@@ -10,6 +10,7 @@ from .files import (
     read_suite,
 )
 from .files import list_suffixes as list_suffixes
+from .floor import Floor
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
 from .intensity import intensity_measure
@@ -24,6 +25,7 @@ from .suite import require_positive_measures as require_positive_measures
 
 __all__ = [
     "Cosine",
+    "Floor",
     "HalfSine",
     "Harmonic",
     "Motion",

@@ -22,6 +22,7 @@ from ..validation import (
     is_traced,
     quantity,
 )
+from .floor import Floor, compute_floor_motion, warn_of_coarse_step
 from .motion import Motion
 from .units import require_unit
 
@@ -222,6 +223,105 @@ class Record(Motion):
         factor = as_real("factor", factor, unit="")
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
+
+    def on_floor(
+        self,
+        period: Numbers = 0.5,
+        damping: Numbers = 0.05,
+        participation: Numbers = 1.0,
+        *,
+        time_step: Number | None = None,
+        free_vibration: Number | None = None,
+    ) -> "Record":
+        """Compute the motion of a floor of a building on the ground of this record.
+
+        The floor moves with the absolute accelerations of linear oscillators, its modes, by
+        their participations; what these lack to 1 moves with the ground.
+
+        Parameters
+        ----------
+        period : array_like
+            Periods of the modes [s], greater than 0.
+        damping : array_like
+            Damping ratios [-], between 0 and 10; 1 is critical.
+        participation : array_like
+            Participation of each mode in the motion of the floor [-]: the modal participation
+            factor times the mode shape there. A single number is that of one mode, and arrays
+            of periods or dampings are then as many floors. Of an array, the last axis is the
+            modes, and the axes before are floors.
+        time_step : float, optional
+            The longest step of the floor's samples [s], at most that of the record, which is
+            divided by a whole number. By default it is that of the record.
+        free_vibration : float, optional
+            How long the floor's record goes on behind the end of this one [s], at least 0. By
+            default until all floors stay below 1/1000 of their peaks, at most as long as this
+            record is, and just as long where a value is traced.
+
+        Returns
+        -------
+        Record
+            Of the same scale and start. Floors are leading axes of its samples, and broadcast
+            with those of this record. The vertical component is the one of the ground.
+
+        Warns
+        -----
+        UserWarning
+            If straight lines between the samples miss more than 3 % of the peak of the floor.
+
+        Raises
+        ------
+        ValueError
+            If a concrete value is out of range, shapes do not broadcast, or `time_step` or
+            `free_vibration` is traced.
+
+        Notes
+        -----
+        The accelerations at the samples are exact (N. C. Nigam and P. C. Jennings, Bull.
+        Seismol. Soc. Am. 59 (1969) 909-922, doi:10.1785/BSSA0590020909): from rest at the first
+        sample, under ground that is linear between samples and at rest from the end on. The
+        floor moves between its samples too, where the record of it is a straight line. Where
+        the ground jumps to rest at the end of this record, the modes feel the jump; the part
+        that moves with the ground, and the vertical component, fall within one step.
+
+        The object does not act back on its floor.
+
+        Examples
+        --------
+        >>> import jaxrock as jr
+        >>> record = jr.example_record()
+        >>> floor = record.on_floor(period=0.5, damping=0.05, participation=1.3)
+        >>> for motion in record, floor:
+        ...     print(f"{jr.ground_motion.intensity_measure(motion, 'pga'):.2f} m/s2")
+        5.01 m/s2
+        10.42 m/s2
+        """
+        if type(self) is not Record:
+            raise ValueError(
+                "a padded record cannot be put on a floor; put the record on it before"
+            )
+        floor = Floor(
+            period,
+            damping,
+            participation,
+            time_step=time_step,
+            free_vibration=free_vibration,
+        )
+        motion = compute_floor_motion(self.acceleration, self.vertical, self.time_step, floor)
+        warn_of_coarse_step(motion)
+        return self._replace_samples(motion.acceleration, motion.vertical, motion.time_step)
+
+    def _replace_samples(
+        self, acceleration: Reals, vertical: Reals | None, time_step: Reals
+    ) -> "Record":
+        """Replace both components [m/s2] and the time step [s], which are not checked again."""
+        changed = (acceleration, vertical, time_step)
+        # A vertical component of None is no leaf, but stays what it is.
+        return eqx.tree_at(
+            lambda record: (record.acceleration, record.vertical, record.time_step),
+            self,
+            changed,
+            is_leaf=lambda leaf: leaf is None,
+        )
 
 
 def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
