@@ -38,6 +38,7 @@ from .ground_motion import read_record as read_record
 from .ground_motion import read_suite as read_suite
 from .host import Status as Status
 from .impact import housner_restitution as housner_restitution
+from .impact import one_sided_restitution as one_sided_restitution
 from .overturning import critical_amplitude as critical_amplitude
 from .overturning import critical_duration as critical_duration
 from .overturning import overturning_boundaries as overturning_boundaries

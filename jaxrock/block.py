@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Mapping
 from typing import Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +23,7 @@ from .validation import (
     as_field,
     as_real,
     check,
+    describe,
     elementwise,
     is_traced,
     quantity,
@@ -59,6 +61,10 @@ class Block(Printed, Checked):
         kappa = I_O / (m R^2) [-], the moment of inertia about the edge, divided by the moment
         of the same mass in its centre; finite and at least 1. It is 4 / 3 for a homogeneous
         rectangle, less where the mass is closer to its centre, more where it is further away.
+    one_sided : bool
+        Whether it rocks about one edge only, against a wall, as a facade does before its
+        transverse walls: it rotates to positive angles, and an impact throws it back. See
+        `one_sided_restitution`. No part of the numbers: all blocks of an array are alike.
 
     Examples
     --------
@@ -72,6 +78,8 @@ class Block(Printed, Checked):
     slenderness: Reals = quantity(POSITIVE, "")
     gravity: Reals = quantity(POSITIVE, "m/s2")
     inertia_ratio: Reals = quantity(AT_LEAST_ONE, "")
+    # Type checkers take the declarations above for default values.
+    one_sided: bool = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
 
     def __new__(cls, *numbers: object, **named: object) -> "Block":
         """Refuse a width and a height, with the name of the function that takes them."""
@@ -90,11 +98,16 @@ class Block(Printed, Checked):
         slenderness: Number,
         gravity: Number = 9.81,
         inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
+        *,
+        one_sided: bool = False,
     ):
+        if not isinstance(one_sided, bool | np.bool_):
+            raise ValueError(f"one_sided must be True or False, got {describe(one_sided)}")
         self.half_width = as_field(Block, "half_width", half_width)
         self.slenderness = as_field(Block, "slenderness", slenderness)
         self.gravity = as_field(Block, "gravity", gravity)
         self.inertia_ratio = as_field(Block, "inertia_ratio", inertia_ratio)
+        self.one_sided = bool(one_sided)
 
     def __str__(self) -> str:
         if words := format_derivatives(self):
@@ -106,6 +119,8 @@ class Block(Printed, Checked):
         ]
         if not is_rectangle(self):
             parts.append(f"inertia ratio {format_number(self.inertia_ratio)}")
+        if self.one_sided:
+            parts.append("one-sided")
         return ", ".join(parts)
 
     @classmethod
@@ -116,6 +131,7 @@ class Block(Printed, Checked):
         height: Number,
         gravity: Number = 9.81,
         inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
+        one_sided: bool = False,
     ) -> "Block":
         """Make the block of a given full width 2b [m] and height 2a [m].
 
@@ -130,6 +146,8 @@ class Block(Printed, Checked):
             easily swapped.
         inertia_ratio : array_like
             kappa [-], finite and at least 1; 4 / 3 for a homogeneous rectangle.
+        one_sided : bool
+            Whether it stands against a wall; see `Block`.
 
         Returns
         -------
@@ -147,7 +165,8 @@ class Block(Printed, Checked):
         warn_of_size("width", width)
         warn_of_size("height", height)
         sides = {"width": width, "height": height}
-        return block_of({**sides, "gravity": gravity, "inertia_ratio": inertia_ratio})
+        parameters = {**sides, "gravity": gravity, "inertia_ratio": inertia_ratio}
+        return block_of(parameters, one_sided)
 
     @classmethod
     def from_parameters(
@@ -156,6 +175,8 @@ class Block(Printed, Checked):
         critical_angle: Number,
         gravity: Number = 9.81,
         inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
+        *,
+        one_sided: bool = False,
     ) -> "Block":
         """Make the block of a frequency parameter p [1/s] and a critical angle alpha_c [rad].
 
@@ -173,6 +194,8 @@ class Block(Printed, Checked):
             g [m/s2], finite and greater than 0.
         inertia_ratio : array_like
             kappa [-], finite and at least 1.
+        one_sided : bool
+            Whether it stands against a wall; see `Block`.
 
         Returns
         -------
@@ -193,7 +216,7 @@ class Block(Printed, Checked):
         size = _size_from_parameters(
             frequency_parameter, critical_angle, gravity, inertia_ratio
         )
-        return cls(*size, gravity, inertia_ratio)
+        return cls(*size, gravity, inertia_ratio, one_sided=one_sided)
 
     @classmethod
     def from_body(
@@ -203,6 +226,8 @@ class Block(Printed, Checked):
         mass: Number,
         inertia_about_centre: Number,
         gravity: Number = 9.81,
+        *,
+        one_sided: bool = False,
     ) -> "Block":
         """Make the block that rocks like a body whose mass and inertia are known.
 
@@ -219,6 +244,8 @@ class Block(Printed, Checked):
             the edges [kg m2], finite and at least 0.
         gravity : array_like
             g [m/s2], finite and greater than 0.
+        one_sided : bool
+            Whether it stands against a wall; see `Block`.
 
         Returns
         -------
@@ -237,7 +264,7 @@ class Block(Printed, Checked):
         half-width 0.3 m, slenderness 4, gravity 9.81 m/s2, inertia ratio 1.4
         """
         shape = _shape_from_body(half_width, centre_height, mass, inertia_about_centre)
-        return cls(half_width, shape[0], gravity, shape[1])
+        return cls(half_width, shape[0], gravity, shape[1], one_sided=one_sided)
 
     @property
     @elementwise()
@@ -335,13 +362,15 @@ def size_of(block: Block, by: SizeDescription) -> dict[str, AnyArray | np.floati
     return {**size, "gravity": block.gravity, "inertia_ratio": block.inertia_ratio}
 
 
-def block_of(parameters: Mapping[str, Number]) -> Block:
+def block_of(parameters: Mapping[str, Number], one_sided: bool) -> Block:
     """Make the block of its parameters, by either description of its size.
 
     Parameters
     ----------
     parameters : mapping
         As `size_of` lists them; other entries are not read.
+    one_sided : bool
+        Whether it stands against a wall.
 
     Returns
     -------
@@ -360,7 +389,7 @@ def block_of(parameters: Mapping[str, Number]) -> Block:
         half_width = parameters["half_width"]
         slenderness = parameters["slenderness"]
     numbers = (half_width, slenderness, parameters["gravity"], parameters["inertia_ratio"])
-    block = Block(*numbers)
+    block = Block(*numbers, one_sided=one_sided)
     if all(isinstance(value, np.ndarray | np.generic) for value in numbers):
         # A block moves its numbers to the device, where each operation on them would compile a
         # program for each shape.
@@ -382,7 +411,7 @@ def change_block(block: Block, name: str, value: AnyArray) -> Block:
 
     """
     by = "sides" if name in SIDES else "shape"
-    return block_of({**size_of(block, by), name: value})
+    return block_of({**size_of(block, by), name: value}, block.one_sided)
 
 
 def diagonal_ratio(block: Block) -> Reals:

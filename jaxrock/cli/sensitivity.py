@@ -188,7 +188,7 @@ def _add_intensity(question: Question, intensity: float | None) -> Question:
 def _compute_answer(question: Question, at: Mapping[str, Number]) -> Reals:
     """Compute an answer of resonance from the parameters, which may be traced."""
     constant = {name: getattr(question.block, name) for name in ("gravity", "inertia_ratio")}
-    block = block_of({**at, **constant})
+    block = block_of({**at, **constant}, question.block.one_sided)
     c = at["restitution"]
     if question.answer == "critical-intensity":
         return resonance.critical_intensity(block, c, math.inf, question.model)

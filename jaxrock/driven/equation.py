@@ -1,8 +1,9 @@
 """The equation of driven motion (Eq. 1), written once for all integrators.
 
 In this package the rotation is counted from the side s = +1 or -1 on which the block stands:
-it is s alpha, 0 on the ground and positive above it. ``push`` is s times the horizontal
-acceleration of the ground over g, ``lift`` the vertical acceleration over g:
+it is s alpha, 0 on the ground and positive above it. A one-sided block has the side +1 alone.
+``push`` is s times the horizontal acceleration of the ground over g, ``lift`` the vertical
+acceleration over g:
 
     rotation'' = -p^2 [(1 + lift) sin(alpha_c - rotation) - push cos(alpha_c - rotation)]
 
@@ -37,6 +38,7 @@ class Equation(eqx.Module):
     inertia_ratio: Reals  # for the forces at the base only
     tangent: Reals  # of the critical angle: the push that just lifts the block
     model: RockingModel
+    one_sided: bool = eqx.field(static=True)  # stands against a wall, on the side 1
 
     @property
     def linearized(self) -> bool:
@@ -56,6 +58,7 @@ class Equation(eqx.Module):
             inertia_ratio=jnp.broadcast_to(block.inertia_ratio, angle.shape),
             tangent=angle if isinstance(model, Linearized) else 1 / block.slenderness,
             model=model,
+            one_sided=block.one_sided,
         )
 
     def right_hand_side(

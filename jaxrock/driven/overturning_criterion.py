@@ -5,7 +5,7 @@ import math
 import jax.numpy as jnp
 
 from ..block import Block
-from ..impact import velocity_after_impact
+from ..impact import prepare_restitution, velocity_after_impact
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import FINITE, UNIT_INTERVAL, Number, Reals, elementwise, quantity
 from .equation import Equation
@@ -42,6 +42,7 @@ def pick_smaller_margin(before: Reals, after: Reals) -> Reals:
 
 
 @elementwise(
+    prepare_restitution,
     restitution=quantity(UNIT_INTERVAL, ""),
     rotation=quantity(FINITE, "rad"),
     velocity=quantity(FINITE, "rad/s"),
@@ -68,7 +69,7 @@ def free_motion_margin(
     restitution : array_like
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     rotation : array_like
-        Rotation alpha [rad], finite.
+        Rotation alpha [rad], finite; of a one-sided block at least 0, else NaN.
     velocity : array_like
         Angular velocity [rad/s], finite.
     model : Nonlinear or Linearized, or their names
@@ -98,8 +99,11 @@ def free_motion_margin(
     equation = Equation.of(block, as_model(model))
     # A block on the ground stands on the side to which it moves.
     backward = jnp.where(rotation == 0, velocity, rotation) < 0
+    backward = backward & (not block.one_sided)
     outward = jnp.where(backward, -jnp.asarray(velocity), velocity)
     margins = free_motion_margins(
         equation, jnp.asarray(restitution), jnp.abs(rotation), outward
     )
-    return pick_smaller_margin(*margins)
+    margin = pick_smaller_margin(*margins)
+    # There is a wall.
+    return jnp.where(jnp.asarray(rotation) < 0, jnp.nan, margin) if block.one_sided else margin

@@ -2,19 +2,23 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from ..block import Block
 from ..ground_motion import Motion
 from ..host import Printed, format_derivatives, format_number
+from ..impact import read_restitution
 from ..validation import (
     FINITE,
     POSITIVE,
     UNIT_INTERVAL,
+    AnyArray,
     Checked,
     Domain,
     Number,
     Reals,
     as_field,
+    is_traced,
     quantity,
 )
 
@@ -26,7 +30,8 @@ class DrivenScene(Printed, Checked):
     ----------
     block : Block
     restitution : array_like
-        C, velocity after an impact over velocity before it [-], between 0 and 1.
+        C, velocity after an impact over velocity before it [-], between 0 and 1; of a one-sided
+        block its magnitude counts.
     motion : Motion
         A pulse, a `Harmonic` or a `Record`.
 
@@ -46,7 +51,7 @@ class DrivenScene(Printed, Checked):
 
     def __init__(self, block: Block, restitution: Number, motion: Motion):
         self.block = block
-        self.restitution = as_field(DrivenScene, "restitution", restitution)
+        self.restitution = read_restitution(block, restitution)
         self.motion = motion
 
     def __str__(self) -> str:
@@ -61,6 +66,28 @@ class DrivenScene(Printed, Checked):
 UP_TO_ITS_SIDE = Domain(
     "between -pi / 2 and pi / 2", lambda x: abs(x) <= jnp.pi / 2 + 1e-6, 0.0
 )
+
+
+def is_before_wall(rotation: AnyArray, velocity: AnyArray) -> AnyArray:
+    """Return where the state of a one-sided block is not behind its wall, nor moves into it.
+
+    One that does would meet the wall at once, and be thrown back: that is its state.
+    """
+    return (rotation > 0) | ((rotation == 0) & (velocity >= 0))
+
+
+def check_initial_state(block: Block, rotation: Number, velocity: Number) -> None:
+    """Raise `ValueError` if a concrete state of a one-sided block is not before its wall."""
+    if not block.one_sided or is_traced((rotation, velocity)):
+        return
+    states = np.broadcast_arrays(np.asarray(rotation), np.asarray(velocity))
+    behind = ~np.asarray(is_before_wall(*states))
+    if behind.any():
+        first = [f"{float(part[behind].flat[0]):.6g}" for part in states]
+        raise ValueError(
+            "rotation of a one-sided block must be greater than 0, or 0 with a velocity of at"
+            f" least 0, got {first[0]} rad and {first[1]} rad/s"
+        )
 
 
 class Driven(DrivenScene):
@@ -83,6 +110,7 @@ class Driven(DrivenScene):
         self.duration = as_field(Driven, "duration", duration)
         self.rotation = as_field(Driven, "rotation", rotation)
         self.velocity = as_field(Driven, "velocity", velocity)
+        check_initial_state(block, self.rotation, self.velocity)
 
     def bucketed(self) -> "Driven":
         """Give the motion one of few shapes, so that few programs are compiled."""

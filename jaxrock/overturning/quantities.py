@@ -12,6 +12,7 @@ from jaxtyping import Array
 from ..block import SHAPE, SIDES, SIZES_IN_WORDS, Block, change_block
 from ..driven import Batch, BatchResponse, GroundMotions, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
+from ..impact import read_restitution
 from ..resonance import ModelLike, as_model
 from ..validation import (
     AT_LEAST_ONE,
@@ -162,8 +163,7 @@ def check_subject(
     along = as_name("along", along, allowed)
     places = as_real("values", values)
     check("values", places, _QUANTITIES[along].domain)
-    restitution = as_real("restitution", restitution, unit="")
-    check("restitution", restitution, UNIT_INTERVAL)
+    restitution = read_restitution(block, restitution)
     if isinstance(single, Record) and single.acceleration.ndim > 1:
         raise ValueError("motion must be one record, got an array of them")
     if places.ndim == 0 or places.shape[-1] < 2:

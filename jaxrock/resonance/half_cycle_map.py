@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from ..block import Block
 from ..host import Printed, format_derivatives, format_number
-from ..impact import velocity_after_impact
+from ..impact import read_restitution, velocity_after_impact
 from ..numerics import one_minus_square, quotient, quotient_or_infinite, share_of_one
 from ..validation import (
     COUNT,
@@ -36,7 +36,8 @@ class Scene(Printed, Checked):
     ----------
     block : Block
     restitution : array_like
-        C, velocity after an impact over the velocity before it [-], between 0 and 1.
+        C, velocity after an impact over the velocity before it [-], between 0 and 1; of a
+        one-sided block its magnitude counts.
     intensity : array_like
         I, the change of ground velocity in each pulse [m/s], finite and at least 0.
 
@@ -59,7 +60,7 @@ class Scene(Printed, Checked):
 
     def __init__(self, block: Block, restitution: Number, intensity: Number):
         self.block = block
-        self.restitution = as_field(Scene, "restitution", restitution)
+        self.restitution = read_restitution(block, restitution)
         self.intensity = as_field(Scene, "intensity", intensity)
 
     def __str__(self) -> str:

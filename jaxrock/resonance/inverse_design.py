@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
+from ..impact import prepare_restitution
 from ..numerics import quotient, quotient_or_infinite, share_of_one
 from ..validation import (
     COUNT,
@@ -25,7 +26,12 @@ from ..validation import (
 from .free_rocking import Linearized, ModelLike, as_model
 
 
-@elementwise(restitution=quantity(UNIT_INTERVAL, ""), half_cycles=COUNT, model=as_model)
+@elementwise(
+    prepare_restitution,
+    restitution=quantity(UNIT_INTERVAL, ""),
+    half_cycles=COUNT,
+    model=as_model,
+)
 def critical_intensity(
     block: Block,
     restitution: Number,
@@ -123,6 +129,7 @@ def critical_width(
 
 
 @elementwise(
+    prepare_restitution,
     restitution=quantity(UNIT_INTERVAL, ""),
     intensity=quantity(NON_NEGATIVE, "m/s"),
     half_cycles=COUNT,
@@ -140,6 +147,7 @@ def _width_at_slenderness(
 
 
 @elementwise(
+    prepare_restitution,
     restitution=quantity(UNIT_INTERVAL, ""),
     intensity=quantity(NON_NEGATIVE, "m/s"),
     half_cycles=COUNT,
@@ -192,6 +200,7 @@ def _estimate_ratio(weight: Reals) -> Reals:
 
 
 @elementwise(
+    prepare_restitution,
     restitution=quantity(UNIT_INTERVAL, ""),
     intensity=quantity(NON_NEGATIVE, "m/s"),
     half_cycles=COUNT,

@@ -17,12 +17,11 @@ from jaxtyping import Array, Float
 
 from ..block import Block
 from ..host import Printed, Status, format_fields
-from ..impact import velocity_after_impact
+from ..impact import read_restitution, velocity_after_impact
 from ..numerics import pick_larger
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
-    UNIT_INTERVAL,
     Booleans,
     Integers,
     Number,
@@ -191,10 +190,9 @@ def respond_to_train(
     >>> print(train.overturned, f"{train.peak_rotation:.4f} rad")
     False 0.0084 rad
     """
-    c = as_real("restitution", restitution, unit="")
+    c = read_restitution(block, restitution)
     t = as_real("times", times, unit="s")
     pulses = as_real("intensities", intensities, unit="m/s")
-    check("restitution", c, UNIT_INTERVAL)
     check("times", t, NON_NEGATIVE)
     check("intensities", pulses, FINITE)
     check_kind("block", block, Block)

@@ -12,13 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
+from ..impact import read_restitution
 from ..validation import (
-    UNIT_INTERVAL,
     Booleans,
     Number,
     Reals,
-    as_real,
-    check,
     unify_precision,
 )
 from .free_rocking import Linearized, ModelLike, as_model
@@ -71,8 +69,7 @@ def timing_costs(
     0.568 m/s 0.2 half-cycles after the impacts
     0.577 m/s at the best of equal spacings
     """
-    restitution = as_real("restitution", restitution, unit="")
-    check("restitution", restitution, UNIT_INTERVAL)
+    restitution = read_restitution(block, restitution)
     block.check()
     if count < 2:
         raise ValueError(f"count must be at least 2, got {count}")

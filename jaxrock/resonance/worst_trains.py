@@ -10,10 +10,10 @@ import numpy as np
 
 from ..block import Block
 from ..host import Printed, Status
+from ..impact import read_restitution
 from ..validation import (
     NON_NEGATIVE,
     POSITIVE,
-    UNIT_INTERVAL,
     Number,
     as_name,
     as_real,
@@ -174,8 +174,7 @@ def worst_train(
         0.5192         -0.47477  0.00000
         1.6100          0.47477  0.00000
     """
-    restitution = as_real("restitution", restitution, unit="")
-    check("restitution", restitution, UNIT_INTERVAL)
+    restitution = read_restitution(block, restitution)
     check_kind("block", block, Block)
     block.check()
     for name, value in (("count", count), ("starts", starts)):

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import numpy.typing as npt
 
-from ..block import Block
+from ..block import Block, size_of
 from ..driven import Batch, Labels, follow_within, require_complete
 from ..grids import DataType, Grid, GridVariable, apply_padded
 from ..ground_motion import MEASURES, Suite, require_positive_measures
@@ -215,10 +215,12 @@ def _check_levels(levels: Numbers) -> np.ndarray:
 
 def _describe_objects(objects: Objects, uncertain: Uncertain | None) -> dict[str, object]:
     """Collect parameters and coefficients of variation as attributes."""
-    parameters = {**vars(objects.block), "restitution": objects.restitution}
-    attributes = {
+    parameters = {**size_of(objects.block, "shape"), "restitution": objects.restitution}
+    attributes: dict[str, object] = {
         name: np.asarray(value, float).tolist() for name, value in parameters.items()
     }
+    if objects.block.one_sided:
+        attributes["one_sided"] = 1
     if uncertain is not None:
         for name, value in uncertain.coefficients_of_variation.items():
             attributes[f"coefficient_of_variation_of_{name}"] = np.asarray(value).tolist()

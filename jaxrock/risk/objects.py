@@ -7,7 +7,8 @@ import jax
 import numpy as np
 
 from ..block import Block, change_block
-from ..validation import UNIT_INTERVAL, AnyArray, Number, as_real, as_text, check, check_kind
+from ..impact import read_restitution
+from ..validation import AnyArray, Number, as_text, check_kind
 
 
 class Objects(NamedTuple):
@@ -39,8 +40,7 @@ def gather_objects(
 ) -> Objects:
     """Gather concrete objects; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
-    coefficient = as_real("restitution", restitution, unit="")
-    check("restitution", coefficient, UNIT_INTERVAL)
+    coefficient = read_restitution(block, restitution)
     leaves, form = jax.tree.flatten((block, coefficient))
     shapes = [np.shape(leaf) for leaf in leaves]
     try:

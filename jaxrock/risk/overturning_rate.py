@@ -9,6 +9,7 @@ import numpy as np
 
 from ..block import Block
 from ..host import Printed, format_fields, format_number
+from ..impact import read_restitution
 from ..overturning import Boundaries
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..sensitivity import Uncertain
@@ -17,7 +18,6 @@ from ..validation import (
     Booleans,
     Number,
     Reals,
-    as_real,
     check_kind,
     choose_namespace,
     is_traced,
@@ -188,7 +188,7 @@ def overturning_rate(
     """
     check_kind("site", site, Site)
     check_kind("block", block, Block)
-    restitution = as_real("restitution", restitution, unit="")
+    restitution = read_restitution(block, restitution)
     if any(np.ndim(leaf) > 1 for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be single ones or have one axis")
     if uncertain is not None:

@@ -114,7 +114,7 @@ def rate_elasticities(
     parameters = list_parameters(objects, by)
 
     def sum_rates(parameters: Mapping[str, Reals]) -> tuple[Reals, OverturningRate]:
-        changed = block_of(parameters)
+        changed = block_of(parameters, objects.block.one_sided)
         rate = overturning_rate(changed, parameters["restitution"], site, model=model)
         # Each rate depends on the parameters of its own object only.
         return rate.rate.sum(), rate
@@ -205,7 +205,7 @@ def compute_elasticities(
                 changed[other].append(end if other == name else values)
     dtype = np.asarray(objects.restitution).dtype
     rows = {name: np.stack(ends).reshape(-1).astype(dtype) for name, ends in changed.items()}
-    block = block_of(rows)
+    block = block_of(rows, objects.block.one_sided)
     # A block feels its half-width and its inertia ratio by the frequency parameter alone: rows
     # that differ in nothing else are simulated once.
     product = np.asarray(block.inertia_ratio) * np.asarray(block.half_width)

@@ -13,6 +13,7 @@ from jaxtyping import PyTree
 
 from ..block import Block
 from ..host import Printed, format_fields
+from ..impact import read_restitution
 from ..overturning import UNITS
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
@@ -183,7 +184,7 @@ def required_value(
     target = as_real("target", target)
     check("target", target, POSITIVE)
     ends = _check_bounds(bounds, search.along)
-    parts = (block, as_real("restitution", restitution, unit=""), site, target)
+    parts = (block, read_restitution(block, restitution), site, target)
     return _search_value(parts, ends=ends, search=search)
 
 

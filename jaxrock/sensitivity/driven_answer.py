@@ -92,7 +92,7 @@ class DrivenAnswer(eqx.Module):
     def __call__(self, parameters: Mapping[str, Number]) -> Reals:
         """Compute the answer at one value of each parameter, which may be traced."""
         size = size_of(self.block, _choose_size(parameters))
-        block = block_of({**size, **parameters})
+        block = block_of({**size, **parameters}, self.block.one_sided)
         restitution, motion = self._change_scene(parameters)
         duration = self._choose_duration(motion)
         response = respond(block, restitution, motion, duration, model=self.model)
@@ -108,7 +108,8 @@ class DrivenAnswer(eqx.Module):
         """
         size = size_of(self.block, _choose_size(parameters))
         constant = {name: np.asarray(value) for name, value in size.items()}
-        blocks = jax.device_put(make_drawn_blocks({**constant, **parameters}))
+        drawn = make_drawn_blocks({**constant, **parameters}, self.block.one_sided)
+        blocks = jax.device_put(drawn)
         restitution, motion = self._change_scene(parameters)
         duration = self._choose_duration(motion)
         response = respond_batch(blocks, restitution, motion, duration, model=self.model)

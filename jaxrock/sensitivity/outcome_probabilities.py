@@ -235,7 +235,7 @@ def outcome_probabilities(
     z = _draw_mixed_samples(len(coefficients), samples, uncertain.seed)
     values = map_normal_numbers(np.concatenate(z), medians, coefficients)
     median = np.array([medians[name] for name in coefficients])
-    answers = _simulate_samples(values, motion, as_model(model), ratio)
+    answers = _simulate_samples(values, block.one_sided, motion, as_model(model), ratio)
     shape = (*answers.shape[:2], len(z), samples)
     answers = np.moveaxis(answers.reshape(shape), 2, 0)
     outcomes = answers[0, 1:]
@@ -298,11 +298,15 @@ def _draw_mixed_samples(count: int, samples: int, seed: int) -> list[np.ndarray]
 
 
 def _simulate_samples(
-    values: Mapping[str, np.ndarray], motion: Motion | Suite, model: RockingModel, ratio: float
+    values: Mapping[str, np.ndarray],
+    one_sided: bool,
+    motion: Motion | Suite,
+    model: RockingModel,
+    ratio: float,
 ) -> np.ndarray:
     """Simulate all samples; peak and outcomes, shape (answers, records, samples)."""
     # Drawn in float64, simulated in the precision that JAX has been set to.
-    blocks = jax.device_put(make_drawn_blocks(values))
+    blocks = jax.device_put(make_drawn_blocks(values, one_sided))
     restitution = as_real("restitution", values["restitution"], unit="")
     scale = np.asarray(as_real("scale", values["scale"], unit=""))
     group = max(1, _AT_ONCE // restitution.size)

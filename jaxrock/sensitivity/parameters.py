@@ -69,7 +69,8 @@ class ParametricAnswer(eqx.Module):
         """Compute the answer at a point."""
         parameters = list(self.parameters_at(point))
         for k in self.widths:
-            block = block_of(dict(zip(_BY_SIDES, parameters[k : k + 4], strict=True)))
+            # Its numbers alone count: whether it is one-sided, the form says.
+            block = block_of(dict(zip(_BY_SIDES, parameters[k : k + 4], strict=True)), False)
             parameters[k : k + 4] = jax.tree.leaves(block)
         value = jnp.asarray(self.answer(jax.tree.unflatten(self.form, parameters)))
         if value.ndim:

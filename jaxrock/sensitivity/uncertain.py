@@ -14,9 +14,9 @@ from scipy.special import ndtri
 
 from ..block import SHAPE, SIDES, Block, block_of, size_of
 from ..host import Printed
+from ..impact import read_restitution
 from ..validation import (
     NON_NEGATIVE,
-    UNIT_INTERVAL,
     Number,
     Numbers,
     as_real,
@@ -195,7 +195,8 @@ class Uncertain(Printed, eqx.Module):
             name: np.stack([sample[name] for sample in drawn]).reshape(*shape, self.samples)
             for name in parameters
         }
-        return Draws(make_drawn_blocks(samples), samples["restitution"], normal)
+        drawn_blocks = make_drawn_blocks(samples, block.one_sided)
+        return Draws(drawn_blocks, samples["restitution"], normal)
 
     def _select(self, number: int) -> dict[str, float]:
         """Select the coefficients of one object, by name."""
@@ -239,8 +240,7 @@ def list_medians(
     In NumPy and float64, of shapes that broadcast.
     """
     check_kind("block", block, Block)
-    restitution = as_real("restitution", restitution, unit="")
-    check("restitution", restitution, UNIT_INTERVAL)
+    restitution = read_restitution(block, restitution)
     by = choose_description(names, _ARGUMENT)
     host, coefficient = jax.tree.map(
         lambda leaf: np.asarray(leaf, float), (block, restitution)
@@ -297,7 +297,7 @@ def map_normal_numbers(
     return {**constant, **uncertain}
 
 
-def make_drawn_blocks(samples: Mapping[str, np.ndarray]) -> Block:
+def make_drawn_blocks(samples: Mapping[str, np.ndarray], one_sided: bool) -> Block:
     """Make blocks of parameters that were drawn.
 
     Raises
@@ -311,7 +311,7 @@ def make_drawn_blocks(samples: Mapping[str, np.ndarray]) -> Block:
             f"{_ARGUMENT} must leave inertia_ratio at 1 or more, got samples down to"
             f" {ratio.min():.3g}"
         )
-    return block_of(samples)
+    return block_of(samples, one_sided)
 
 
 def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[float, ...]]:

@@ -16,12 +16,11 @@ from ..block import Block
 from ..driven import Driven, FollowedMotion, follow_driven
 from ..ground_motion import Pulse
 from ..host import Status
-from ..impact import velocity_after_impact
+from ..impact import read_restitution, velocity_after_impact
 from ..numerics import differentiate_by_jacobian
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     NON_NEGATIVE,
-    UNIT_INTERVAL,
     Integers,
     Number,
     Reals,
@@ -90,9 +89,8 @@ def check_pulsed_arguments(
     check_kind("pulse", pulse, Pulse)
     if not 0 < rtol <= 1e-3:
         raise ValueError(f"rtol must be greater than 0 and at most 0.001, got {rtol:g}")
-    restitution = as_real("restitution", restitution, unit="")
+    restitution = read_restitution(block, restitution)
     velocity = as_real("velocity", velocity, unit="rad/s")
-    check("restitution", restitution, UNIT_INTERVAL)
     check("velocity", velocity, NON_NEGATIVE)
     block.check()
     pulse.check()

@@ -105,6 +105,7 @@ def _combine_validity(parts: Iterable[Booleans | bool]) -> Booleans | bool:
 
 
 def elementwise(
+    *prepare: Callable[[dict[str, Any]], None],
     **declared: Domain | dataclasses.Field | Callable[..., object],
 ) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """Guard the arguments of an elementwise function.
@@ -115,6 +116,8 @@ def elementwise(
 
     Parameters
     ----------
+    *prepare : callable
+        Functions of all arguments, which may replace some before values are checked.
     **declared : quantity, Domain or callable
         By the names of the arguments: a `quantity`, with its domain and unit; the domain of an
         argument that takes no unit; or a function that converts the argument. `Checked`
@@ -174,6 +177,8 @@ def elementwise(
                 check_kind(name, arguments[name], kind)
             for name, convert in converters.items():
                 arguments[name] = convert(arguments[name])
+            for replace in prepare:
+                replace(arguments)
             for name, value in arguments.items():
                 check(name, value, guards.get(name))
             check_shapes(**arguments)

@@ -17,6 +17,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float, Int
 
 from ...validation import Booleans, Integers, Reals
+from ..equation import Equation
 from .taylor import Coefficients
 
 # Arrays outside of programs are NumPy's, which compile nothing; inside they are traced.
@@ -105,7 +106,7 @@ class GroundInput(eqx.Module):
     def find_uplift(
         self,
         excitation: Excitation,
-        tangent: Reals,
+        equation: Equation,
         along: Reals,
         horizontal: Coefficients,
         vertical: Coefficients,
@@ -113,8 +114,8 @@ class GroundInput(eqx.Module):
     ) -> tuple[Booleans, Reals, Reals]:
         """Find whether a block at rest is lifted in the interval, after how long, which side.
 
-        `tangent` is the push over g that lifts it, the series come from `expand`, `time_left`
-        is the rest of the interval.
+        The series come from `expand`, `time_left` is the rest of the interval. A one-sided
+        block is lifted to the side 1 only.
         """
 
     @abc.abstractmethod

@@ -10,7 +10,7 @@ from ...block import Block
 from ...resonance import RockingModel
 from ...validation import Booleans, Reals
 from ..equation import Equation
-from ..scene import UP_TO_ITS_SIDE
+from ..scene import UP_TO_ITS_SIDE, is_before_wall
 from .flight import LONGEST_STEP
 from .ground_input import Excitation, GroundInput, HostNumbers, PerBlock, rounding_margin
 from .initial_state import InitialState
@@ -110,6 +110,8 @@ def prepare_blocks(
         rotation = jnp.asarray(arguments.rotation)
         velocity = jnp.asarray(arguments.velocity) * unit
         valid = valid & UP_TO_ITS_SIDE.contains(rotation) & jnp.isfinite(velocity)
+        if equation.one_sided:
+            valid = valid & is_before_wall(rotation, velocity)
         # A block that is not valid rests, so that it is done soon.
         rotation = jnp.where(valid, rotation, 0)
         velocity = jnp.where(valid, velocity, 0)

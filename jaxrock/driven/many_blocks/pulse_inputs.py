@@ -11,6 +11,7 @@ from jax.typing import DTypeLike
 
 from ...ground_motion import Pulse, Ricker
 from ...validation import Booleans, Integers, Number, Reals
+from ..equation import Equation
 from .ground_input import Excitation, GroundInput, HostIntegers, HostReals, rounding_margin
 from .taylor import Coefficients, sine_cosine
 
@@ -48,7 +49,7 @@ class PulseInput(GroundInput):
     def find_uplift(
         self,
         excitation: Excitation,
-        tangent: Reals,
+        equation: Equation,
         along: Reals,
         horizontal: Coefficients,
         vertical: Coefficients,
@@ -56,7 +57,8 @@ class PulseInput(GroundInput):
     ) -> tuple[Booleans, Reals, Reals]:
         """Find the first of `uplift_times` that is still to come."""
         del vertical, time_left
-        at_once = jnp.abs(horizontal[0]) > tangent * (1 + rounding_margin(along.dtype))
+        push = horizontal[0] if equation.one_sided else jnp.abs(horizontal[0])
+        at_once = push > equation.tangent * (1 + rounding_margin(along.dtype))
         time = jnp.full_like(along, jnp.inf)
         side = jnp.ones_like(along)
         signs = (self.first_sign, -self.first_sign, self.first_sign)
@@ -64,6 +66,8 @@ class PulseInput(GroundInput):
         # The latest first, so that the earlier extreme counts where two coincide.
         for rise, sign in reversed(rises):
             sooner = (rise >= along) & (rise <= time)
+            if equation.one_sided:
+                sooner = sooner & (sign * excitation.strength > 0)
             time = jnp.where(sooner, rise, time)
             side = jnp.where(sooner, sign, side)
         negative = jnp.where(at_once, horizontal[0], side * excitation.strength) < 0

@@ -5,6 +5,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from ...validation import Booleans, Integers, Reals
+from ..equation import Equation
 from .ground_input import (
     Excitation,
     GroundInput,
@@ -78,7 +79,7 @@ class RecordInput(GroundInput):
     def find_uplift(
         self,
         excitation: Excitation,
-        tangent: Reals,
+        equation: Equation,
         along: Reals,
         horizontal: Coefficients,
         vertical: Coefficients,
@@ -86,16 +87,22 @@ class RecordInput(GroundInput):
     ) -> tuple[Booleans, Reals, Reals]:
         """Find where the line crosses the push that lifts the block."""
         del excitation, along
+        tangent = equation.tangent
         # The push needed is linear in time as well, if the ground moves vertically.
         needed = (tangent * (1 + rounding_margin(time_left.dtype)), jnp.zeros_like(time_left))
         if vertical:
             needed = (needed[0] + tangent * vertical[0], needed[1] + tangent * vertical[1])
         last = evaluate(horizontal, time_left)
         needed_last = evaluate(needed, time_left)
-        at_once = jnp.abs(horizontal[0]) > needed[0]
-        lifted = at_once | (jnp.abs(last) > needed_last)
-        side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
-        if vertical:
+        if equation.one_sided:
+            at_once = horizontal[0] > needed[0]
+            lifted = at_once | (last > needed_last)
+            side = jnp.ones_like(last)
+        else:
+            at_once = jnp.abs(horizontal[0]) > needed[0]
+            lifted = at_once | (jnp.abs(last) > needed_last)
+            side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
+        if vertical and not equation.one_sided:
             # Where the ground falls away faster than g, the push needed is negative, and both
             # sides are lifted within the interval: the first one counts.
             begin_right = horizontal[0] - needed[0]

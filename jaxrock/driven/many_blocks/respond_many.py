@@ -19,11 +19,11 @@ from ...host import (
     map_in_threads,
     show_progress,
 )
+from ...impact import read_restitution
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     FINITE,
     POSITIVE,
-    UNIT_INTERVAL,
     AnyArray,
     Booleans,
     Integers,
@@ -35,7 +35,7 @@ from ...validation import (
     check_shapes,
 )
 from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
-from ..scene import UP_TO_ITS_SIDE
+from ..scene import UP_TO_ITS_SIDE, check_initial_state
 from .batch import Batch
 from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
@@ -235,7 +235,7 @@ def respond_batch(
     ----------
     blocks : Block
     restitution : array_like
-        C [-], between 0 and 1.
+        C [-], between 0 and 1; of one-sided blocks its magnitude counts.
     motion : Motion or Suite
         A pulse, a `Harmonic`, a `Record`, or a `Suite`, whose records make the leading axis of
         the results.
@@ -306,13 +306,14 @@ def check_batch(
     """
     check_kind("blocks", blocks, Block)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
-    restitution = as_real("restitution", restitution, unit="")
-    check("restitution", restitution, UNIT_INTERVAL)
+    restitution = read_restitution(blocks, restitution)
     if duration is not None:
         duration = as_real("duration", duration, unit="s")
         check("duration", duration, POSITIVE)
     for name, value in initial.items():
         check(name, value, _INITIAL[name])
+    if initial:
+        check_initial_state(blocks, initial.get("rotation", 0.0), initial.get("velocity", 0.0))
     single = motion[0] if isinstance(motion, Suite) else motion  # whose shape all records have
     check_shapes(
         blocks=blocks, restitution=restitution, motion=single, duration=duration, **initial

@@ -13,8 +13,9 @@ The state of a lane is `Lanes`; a step leads from one row of this table to anoth
     moves                   as long as the last terms of   moves
                             its polynomial allow, at most
                             to the end of the interval
-                            shorter, to an impact, a       moves on the other side; or rests,
-                            root of the polynomial         if all further bounces would end
+                            shorter, to an impact, a       moves on the other side (on the
+                            root of the polynomial         same one against a wall); or rests,
+                                                           if all further bounces would end
                                                            within the step (`_settles`)
                             of length 0 (`blocked`), if    moves, with a shorter `step_limit`
                             impact or peak are not
@@ -41,7 +42,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
-from ...impact import velocity_after_impact
+from ...impact import side_after_impact, velocity_after_impact
 from ...numerics import pick_larger
 from ...validation import Booleans, Integers, Reals
 from ..overturning_criterion import TOPPLED_ROTATION
@@ -190,7 +191,7 @@ def take_step(
 
     # At rest: uplift within the interval.
     lifted, wait, uplift_side = ground.find_uplift(
-        case.excitation, case.equation.tangent, lanes.elapsed, horizontal, lift, time_left
+        case.excitation, case.equation, lanes.elapsed, horizontal, lift, time_left
     )
     lifted = ~lanes.moves & acts & lifted & (time_left > wait)
     lifted, wait, uplift_side = materialize((lifted, wait, uplift_side))
@@ -223,7 +224,8 @@ def take_step(
     )
 
     # The new state. For the overturning criterion it is noted until the input ends.
-    side = jnp.where(flight.lands, -lanes.side, jnp.where(lifted, uplift_side, lanes.side))
+    other_side = side_after_impact(case.equation.one_sided, lanes.side)
+    side = jnp.where(flight.lands, other_side, jnp.where(lifted, uplift_side, lanes.side))
     velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
     rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
     # A block at rest that is not lifted at once stays there, whatever derivatives its initial
@@ -283,9 +285,11 @@ def _settles(
     down). Here that is bounded for an input that changes meanwhile.
     """
     equation = case.equation
-    # The next bounce may go to either side. Gravity brings the block down slowest on the side
-    # to which the ground pushes.
-    sideways = jnp.abs(evaluate(push, impact_time))
+    sideways = evaluate(push, impact_time)
+    if not equation.one_sided:
+        # The next bounce may go to either side. Gravity brings the block down slowest on the
+        # side to which the ground pushes.
+        sideways = jnp.abs(sideways)
     upward = evaluate(lift, impact_time) if lift else 0.0
     down = -equation.right_hand_side(case.ground_sine, case.ground_cosine, sideways, upward)
     down, leaving = materialize((down, leaving))

@@ -16,7 +16,7 @@ from ...resonance import RockingModel
 from ...validation import Booleans, Reals, guard_once, replace_invalid
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
-from ..scene import Driven
+from ..scene import Driven, is_before_wall
 from .contact_forces import ForceExtremes
 from .motion_to_event import (
     FALLING,
@@ -77,7 +77,8 @@ def follow_driven(
     #                   |   has just been lifted             |   (FALLING), pi / 2 (TOPPLED),
     #                   |                                    |   the critical angle or an edge
     # FALLING           | it moves back to the ground        | `move_to_event`: to an impact
-    #                   |                                    |   (RISING on the other side, or
+    #                   |                                    |   (RISING on the other side, on
+    #                   |                                    |   the same one if one-sided, or
     #                   |                                    |   REST), a low point (RISING)
     #                   |                                    |   or an edge of the input
     # TOPPLED           | it lies on its side, for good      | the loop ends
@@ -88,6 +89,8 @@ def follow_driven(
         driven, valid = replace_invalid(driven)
         equation = Equation.of(driven.block, model)
         valid = jnp.all(valid)
+        if driven.block.one_sided:
+            valid = valid & is_before_wall(driven.rotation, driven.velocity)
     uplifts = UpliftTable.of(equation, driven.motion)
     dtype = driven.duration.dtype
     integration = Integration(driven, equation, Stepper(method, rtol, atol), rtol, uplifts)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ...impact import velocity_after_impact
+from ...impact import side_after_impact, velocity_after_impact
 from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
@@ -195,8 +195,8 @@ def _apply_event(
     =========  ==========  ===================================  ==========================
     PEAK       RISING      velocity 0                           FALLING
     PEAK       FALLING     velocity 0: it turns upward again    RISING
-    CONTACT    FALLING     impact: other side, C times as fast  RISING, or REST if all
-                                                                further bounces are small
+    CONTACT    FALLING     impact: C times as fast, on the      RISING, or REST if all
+                           other side unless one-sided          further bounces are small
     CONTACT    RISING      rotation pi / 2                      TOPPLED
     CRITICAL   RISING      rotation alpha_c                     RISING
     STOP       either      as integrated                        as before
@@ -222,15 +222,16 @@ def _apply_event(
     phase = jnp.where(turns, jnp.where(rising, FALLING, RISING), before.phase)
     phase = jnp.where(topples, TOPPLED, phase)
 
-    # Impact: the block goes on to the other side with what restitution leaves. How the input
-    # decelerates it there decides whether it bounces on.
+    # Impact: the block goes on, to the other side unless it is one-sided, with what
+    # restitution leaves. How the input decelerates it there decides whether it bounces on.
     arriving = -velocity
     leaving = jnp.where(lands, velocity_after_impact(restitution, arriving), 0)
     zero = jnp.zeros_like(time)
-    other_side = integration.begin_segment(
-        time, -before.side, integration.driven.motion.acts(time)
+    next_side = side_after_impact(equation.one_sided, before.side)
+    next_segment = integration.begin_segment(
+        time, next_side, integration.driven.motion.acts(time)
     )
-    fixed = jax.lax.stop_gradient((other_side, jnp.stack([zero, leaving])))
+    fixed = jax.lax.stop_gradient((next_segment, jnp.stack([zero, leaving])))
     deceleration = -fixed[0].field(zero, fixed[1])[1]
     # From the velocity v, bounces under a constant deceleration d take 2 v / d, 2 C v / d, ...
     # and end after 2 v / ((1 - C) d), although they are infinitely many (Zeno). The block is
@@ -250,7 +251,7 @@ def _apply_event(
     rests = lands & pressed & short & (slow | unresolved)
     return before._replace(
         time=time,
-        side=jnp.where(lands, -before.side, before.side),
+        side=jnp.where(lands, next_side, before.side),
         rotation=jnp.where(lands, 0, rotation),
         velocity=jnp.where(rests, 0, jnp.where(lands, leaving, velocity)),
         phase=jnp.where(lands, jnp.where(rests, REST, RISING), phase),

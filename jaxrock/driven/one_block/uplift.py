@@ -35,6 +35,7 @@ class UpliftTable(eqx.Module):
         knots = motion.knots()
         push, lift = (a / equation.gravity for a in motion.value(knots))
         excess = jnp.stack([equation.uplift_excess(side * push, lift) for side in _SIDES])
+        excess = _leave_out_wall(equation, excess)
         # A knot behind the last one stands for none.
         indices = jnp.where((excess > 0).any(axis=0), jnp.arange(knots.size), knots.size)
         next_lifting = jax.lax.cummin(indices, reverse=True)
@@ -44,7 +45,7 @@ class UpliftTable(eqx.Module):
         intervals = jnp.maximum(jnp.sum(knots < motion.end), 1).astype(knots.dtype)
         changes = (motion.end - motion.start) / intervals
         grace_time = 1e-6 * jnp.minimum(1 / jnp.sqrt(equation.p_squared), changes)
-        forces = friction_demand(push, 1 + lift), 1 + lift
+        forces = friction_demand(_carry_by_wall(equation, push), 1 + lift), 1 + lift
         grace_time = jax.lax.stop_gradient(grace_time)
         return cls(equation, motion, knots, excess, next_lifting, *forces, grace_time)
 
@@ -140,7 +141,7 @@ class UpliftTable(eqx.Module):
         push, lift = (
             jnp.where(acts, a / self.equation.gravity, 0) for a in self.motion.value(ends)
         )
-        demand = pick_largest(friction_demand(push, 1 + lift))
+        demand = pick_largest(friction_demand(_carry_by_wall(self.equation, push), 1 + lift))
         normal = -pick_largest(-(1 + lift))
         # Which knots count has no derivative. There may be thousands of knots, of which a wait
         # passes over few: a loop over these, not over all.
@@ -174,4 +175,17 @@ def _count_until(knots: Reals, time: Reals) -> Integers:
 def _excess_to_both_sides(equation: Equation, motion: Motion, time: Reals) -> Reals:
     """Push beyond the one that lifts the block, to both sides, at a time for each."""
     push, lift = (a / equation.gravity for a in motion.value(time))
-    return equation.uplift_excess(jnp.asarray(_SIDES, time.dtype) * push, lift)
+    excess = equation.uplift_excess(jnp.asarray(_SIDES, time.dtype) * push, lift)
+    return _leave_out_wall(equation, excess)
+
+
+def _leave_out_wall(equation: Equation, excess: Reals) -> Reals:
+    """Replace the push to the side of a wall, the second one, by one that never lifts."""
+    if not equation.one_sided:
+        return excess
+    return excess.at[1].set(-jnp.inf)
+
+
+def _carry_by_wall(equation: Equation, push: Reals) -> Reals:
+    """Return the push on the base of a block at rest: what pushes into a wall the wall carries."""
+    return jnp.maximum(push, 0) if equation.one_sided else push
