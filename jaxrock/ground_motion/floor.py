@@ -98,7 +98,18 @@ class Floor(Printed, Checked):
         shape = np.broadcast_shapes(*shapes)
         return shape[:-1] if self.participation.ndim else shape
 
-    def changed(self, period_factor: Numbers, damping_factor: Numbers) -> "Floor":
+    def require_finer_step(self, time_step: Reals) -> None:
+        """Raise `ValueError` if the time step is given, and longer than one [s] of a record."""
+        if self.time_step is None or is_traced(time_step):
+            return
+        step = float(np.max(np.asarray(time_step)))
+        if self.time_step > step * (1 + _ROUNDING):
+            raise ValueError(
+                f"time_step must be at most that of the record, {step:g} s, got"
+                f" {self.time_step:g} s"
+            )
+
+    def multiply(self, period_factor: Numbers, damping_factor: Numbers) -> "Floor":
         """Multiply the periods and dampings of all modes; one floor for each factor."""
         factors = [np.asarray(factor) for factor in (period_factor, damping_factor)]
         if self.participation.ndim:
@@ -234,10 +245,6 @@ def _choose_division(time_step: AnyArray, longest: float | None) -> int:
             f" number of samples depends on both, got {longest:g} s"
         )
     step = float(time_step.max())
-    if longest > step * (1 + _ROUNDING):
-        raise ValueError(
-            f"time_step must be at most that of the record, {step:g} s, got {longest:g} s"
-        )
     return max(1, math.ceil(step / longest * (1 - _ROUNDING)))
 
 

@@ -22,18 +22,15 @@ from ..validation import (
     is_traced,
     quantity,
 )
-from .floor import Floor, compute_floor_motion, warn_of_coarse_step
+from .floor import Floor, FloorMotion, compute_floor_motion, warn_of_coarse_step
 from .motion import Motion
+from .samples import integrate_samples, interpolate, refuse_times
 from .units import require_unit
 
 # Numbers of samples to which records are padded: the first, else a multiple of the second.
 # Each padded length costs the compilation of a program, each sample only a place in memory.
 _LEAST_LENGTH = 2**14
 _LENGTH_STEP = 2**16
-# So many samples of an acceleration do not rise all the way.
-_RISING = 8
-# Columns of a table: times, three components.
-_FEW = 4
 
 
 class Record(Motion):
@@ -124,7 +121,7 @@ class Record(Motion):
             ("vertical", self.vertical),
         ):
             if samples is not None and samples.ndim == 2 and not is_traced(samples):
-                _refuse_times(name, np.asarray(samples))
+                refuse_times(name, np.asarray(samples))
         for name, value in vars(self).items():
             if value is not None and value.size == 0:
                 raise ValueError(
@@ -163,7 +160,7 @@ class Record(Motion):
         record = self.bucketed()
         return (
             self.scale
-            * _integrate_samples(record.acceleration, record._last_index)
+            * integrate_samples(record.acceleration, record._last_index)
             * self.time_step
         )
 
@@ -181,10 +178,10 @@ class Record(Motion):
         along = position - index
         # The interval is piecewise constant: its derivative is 0, also where it jumps.
         index = jax.lax.stop_gradient(index).astype(int)
-        horizontal = self.scale * _interpolate(self.acceleration, index, along)
+        horizontal = self.scale * interpolate(self.acceleration, index, along)
         if self.vertical is None:
             return horizontal, jnp.zeros_like(horizontal)
-        return horizontal, self.scale * _interpolate(self.vertical, index, along)
+        return horizontal, self.scale * interpolate(self.vertical, index, along)
 
     def knots(self) -> Float[Array, " knots"]:
         """Return the times of the samples [s], padded with the last; see `Motion.knots`."""
@@ -308,18 +305,15 @@ class Record(Motion):
         )
         motion = compute_floor_motion(self.acceleration, self.vertical, self.time_step, floor)
         warn_of_coarse_step(motion)
-        return self._replace_samples(motion.acceleration, motion.vertical, motion.time_step)
+        return self.replace_motion(motion)
 
-    def _replace_samples(
-        self, acceleration: Reals, vertical: Reals | None, time_step: Reals
-    ) -> "Record":
-        """Replace both components [m/s2] and the time step [s], which are not checked again."""
-        changed = (acceleration, vertical, time_step)
+    def replace_motion(self, motion: FloorMotion) -> "Record":
+        """Replace both components and the time step; what has been computed is not checked."""
         # A vertical component of None is no leaf, but stays what it is.
         return eqx.tree_at(
             lambda record: (record.acceleration, record.vertical, record.time_step),
             self,
-            changed,
+            (motion.acceleration, motion.vertical, motion.time_step),
             is_leaf=lambda leaf: leaf is None,
         )
 
@@ -337,31 +331,6 @@ def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
     # In NumPy: JAX would compile the product for every length. What overflows is refused.
     with np.errstate(over="ignore"):
         return as_field(Record, name, factor * np.asarray(samples))
-
-
-def _refuse_times(name: str, rows: np.ndarray) -> None:
-    """Raise `ValueError` if one of several rows, or of few columns, holds times of samples."""
-    # Times never fall; by few printed digits they may repeat. In any unit, since a factor has
-    # been multiplied to them as well. No ground accelerates ever more.
-    for word, lines in (("row", rows), ("column", rows.T)):
-        # Of columns there are few: many are samples of as many records.
-        if lines.shape[1] < _RISING or (word == "column" and len(lines) > _FEW):
-            continue
-        rises = (np.diff(lines, axis=1) >= 0).all(axis=1) & (lines[:, -1] > lines[:, 0])
-        if rises.any() and not rises.all():
-            raise ValueError(
-                f"{name} must be samples along the last axis, got an array of shape"
-                f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} are times by their rise;"
-                f" pass the {word}s of accelerations alone, as rows"
-            )
-
-
-@jax.jit
-def _integrate_samples(samples: Reals, last: int | Reals) -> Reals:
-    """Integrate samples up to the `last` one by the trapezoidal rule, over the time step."""
-    # The padding adds nothing to the sum.
-    at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
-    return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
 
 
 class PaddedRecord(Record):
@@ -407,23 +376,3 @@ def pad_samples(samples: ArrayLike, room: int) -> np.ndarray:
     """Pad the last axis of samples with zeros, up to a length."""
     samples = np.asarray(samples)
     return np.pad(samples, [(0, 0)] * (samples.ndim - 1) + [(0, room - samples.shape[-1])])
-
-
-def _interpolate(samples: Reals, index: Array, along: Reals) -> Reals:
-    """Interpolate in the last axis linearly; leading axes broadcast with those of `index`."""
-    if samples.ndim == 1:
-        # Both samples in one piece, which XLA fuses into what follows.
-        shape = index.shape
-        slices = jax.vmap(lambda start: jax.lax.dynamic_slice(samples, (start,), (2,)))
-        left, right = slices(index.reshape(-1)).T.reshape(2, *shape)
-        return (1 - along) * left + along * right
-    shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
-    samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))
-    index = jnp.broadcast_to(index, shape)[..., None]
-    # The index has been clipped: without the mode, JAX would check it once more.
-    left, right = (
-        jnp.take_along_axis(samples, at, axis=-1, mode="promise_in_bounds")[..., 0]
-        for at in (index, index + 1)
-    )
-    # Exact at both ends, unlike left + along * (right - left).
-    return (1 - along) * left + along * right

@@ -1,0 +1,55 @@
+"""Checks of the records and names of a suite."""
+
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+
+from ..validation import as_text, describe
+from .record import Record
+
+
+def check_records(records: Sequence[Record]) -> tuple[Record, ...]:
+    """Return the records of a suite; a `ValueError` if they are not allowed."""
+    if isinstance(records, Record) or not isinstance(records, Sequence):
+        raise ValueError(f"records must be a list of records, got {describe(records)}")
+    if not records:
+        raise ValueError("records must be at least one record, got none")
+    for k, record in enumerate(records):
+        if not isinstance(record, Record):
+            raise ValueError(
+                f"records must be records, got a {type(record).__name__} as number {k + 1}"
+            )
+        samples = (record.acceleration, record.vertical)
+        if any(np.ndim(component) > 1 for component in jax.tree.leaves(samples)):
+            raise ValueError(
+                f"records must be single ones, number {k + 1} is an array of them"
+            )
+        if np.shape(record.time_step) or np.shape(record.start):
+            raise ValueError(f"records must have one time step and start, not number {k + 1}")
+        shape = np.shape(record.scale)
+        first = np.shape(records[0].scale)
+        if shape != first:
+            differs = f"got {first} and, in number {k + 1}, {shape}"
+            raise ValueError(f"records must have scales of one shape, {differs}")
+    return tuple(records)
+
+
+def check_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    """Return the names of so many records, by default numbers; a `ValueError` if not allowed."""
+    # A string is a sequence of strings as well, of its letters.
+    if isinstance(names, str):
+        raise ValueError(f"names must be a list of names, got {names!r}")
+    if names is None:
+        names = [str(number) for number in range(1, count + 1)]
+    words = tuple(map(as_text, names))
+    not_text = [name for name in words if not isinstance(name, str)]
+    if not_text:
+        raise ValueError(f"names must be words, got {not_text[0]!r}")
+    if len(words) != count:
+        counts = f"got {len(words)} names of {count} records"
+        raise ValueError(f"names must be as many as records, {counts}")
+    twice = [name for k, name in enumerate(words) if name in words[:k]]
+    if twice:
+        raise ValueError(f"names must differ from each other, got {twice[0]!r} twice")
+    return words
