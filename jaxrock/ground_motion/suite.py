@@ -16,18 +16,17 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
-    as_array,
     as_real,
     as_text,
     check,
     check_kind,
     is_traced,
 )
-from .drift import warn_of_drifts
 from .floor import Floor, compute_floor_motion, warn_of_coarse_step
 from .intensity import intensity_measure
 from .record import Record
-from .suite_checks import check_names, check_records
+from .reversal import find_directions, reverse_record
+from .suite_checks import check_measures, check_names, check_records
 
 
 class Suite(Printed, eqx.Module):
@@ -158,7 +157,7 @@ class Suite(Printed, eqx.Module):
                 self.names[which],
                 ground=cast("Suite | None", ground),
                 floor=self.floor,
-                directions=self._find_directions(which),
+                directions=find_directions(which, self.recordings, self.directions),
             )
         which = as_text(which)
         if isinstance(which, str):
@@ -166,23 +165,6 @@ class Suite(Printed, eqx.Module):
                 raise KeyError(f"no record is named {which!r}")
             which = self.names.index(which)
         return self.records[which]
-
-    def _find_directions(self, which: slice) -> int:
-        """Find in how many directions a part has its records; a `ValueError` if in both kinds."""
-        if self.directions == 1:
-            return 1
-        places = range(len(self))[which]
-        sources = [place % self.recordings for place in places]
-        if len(set(sources)) == len(sources):
-            return 1
-        half = len(places) // 2
-        reverse = [place + self.recordings for place in places[:half]]
-        if list(places[half:]) != reverse:
-            raise ValueError(
-                "a part of a suite in both directions must have both directions of each of"
-                f" its records, or one of each, got {which.start}:{which.stop}:{which.step}"
-            )
-        return 2
 
     def measure(self, measure: str, block: Block | None = None) -> Reals:
         """Measure the intensity of each record, as it is scaled now.
@@ -416,20 +398,12 @@ class Suite(Printed, eqx.Module):
         if self.directions == 2:
             raise ValueError(f"suite must be in one direction, got {self}")
         return Suite(
-            [*self.records, *map(_reverse, self.records)],
+            [*self.records, *map(reverse_record, self.records)],
             [*self.names, *(f"{name} reversed" for name in self.names)],
             ground=None if self.ground is None else self.ground.both_directions(),
             floor=self.floor,
             directions=2,
         )
-
-
-def _reverse(record: Record) -> Record:
-    """Reverse the horizontal acceleration of a record."""
-    samples = record.acceleration
-    # In NumPy: JAX would compile a program for each length.
-    reverse = -samples if is_traced(samples) else as_array(-np.asarray(samples))
-    return eqx.tree_at(lambda record: record.acceleration, record, reverse)
 
 
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
@@ -439,13 +413,6 @@ def require_positive_measures(suite: Suite, measure: str, block: Block | None = 
     """
     measures = suite.measure(measure, block)
     if not is_traced(measures):
-        if as_text(measure).startswith("pgv"):
-            ground = suite if suite.ground is None else suite.ground
-            warn_of_drifts(ground.names, ground.records)
-        for name, value in zip(suite.names, np.asarray(measures), strict=True):
-            if not (value > 0).all():
-                raise ValueError(
-                    f"every record must have a {as_text(measure)} greater than 0 to be scaled,"
-                    f" got {value.min():.9g} for {name!r}"
-                )
+        ground = suite if suite.ground is None else suite.ground
+        check_measures(np.asarray(measures), as_text(measure), ground.names, ground.records)
     return measures

@@ -1,4 +1,4 @@
-"""Checks of the records and names of a suite."""
+"""Checks of the records of a suite, their names and their intensities."""
 
 from collections.abc import Sequence
 
@@ -6,6 +6,7 @@ import jax
 import numpy as np
 
 from ..validation import as_text, describe
+from .drift import warn_of_drifts
 from .record import Record
 
 
@@ -53,3 +54,17 @@ def check_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
     if twice:
         raise ValueError(f"names must differ from each other, got {twice[0]!r} twice")
     return words
+
+
+def check_measures(
+    measures: np.ndarray, measure: str, names: Sequence[str], records: Sequence[Record]
+) -> None:
+    """Raise `ValueError` if a measure is not above 0, and warn where PGV is due to a drift."""
+    if measure.startswith("pgv"):
+        warn_of_drifts(names, records)
+    for name, value in zip(names, measures, strict=True):
+        if not (value > 0).all():
+            raise ValueError(
+                f"every record must have a {measure} greater than 0 to be scaled,"
+                f" got {value.min():.9g} for {name!r}"
+            )
