@@ -3,7 +3,7 @@
 import equinox as eqx
 import numpy as np
 
-from ..validation import as_array, is_traced
+from ..validation import AnyArray, as_array, is_traced
 from .record import Record
 
 
@@ -13,6 +13,18 @@ def reverse_record(record: Record) -> Record:
     # In NumPy: JAX would compile a program for each length.
     reverse = -samples if is_traced(samples) else as_array(-np.asarray(samples))
     return eqx.tree_at(lambda record: record.acceleration, record, reverse)
+
+
+def split_directions(values: AnyArray, directions: int) -> list[AnyArray]:
+    """Split values of shape (records, ...) of a suite by the directions of its records."""
+    return list(values.reshape(directions, -1, *values.shape[1:]))
+
+
+def average_directions(values: AnyArray, directions: int) -> AnyArray:
+    """Average values of shape (records, ...) of a suite over the directions of each record."""
+    return (
+        values if directions == 1 else sum(split_directions(values, directions)) / directions
+    )
 
 
 def find_directions(which: slice, recordings: int, directions: int) -> int:

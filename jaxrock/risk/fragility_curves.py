@@ -27,7 +27,13 @@ from ..validation import (
     check_increasing,
     check_kind,
 )
-from .exceedance import NAMED_THRESHOLDS, Threshold, add_curves, describe_variable
+from .exceedance import (
+    NAMED_THRESHOLDS,
+    Threshold,
+    add_curves,
+    describe_directions,
+    describe_variable,
+)
 from .objects import Objects, gather_objects
 from .site import require_single_scales
 
@@ -106,7 +112,8 @@ def fragility(
         - Over level and threshold: ``exceedance``, the probability of exceedance, counted over
           the records, with its Clopper-Pearson interval ``exceedance_low`` to
           ``exceedance_high``; ``lognormal``, the maximum-likelihood lognormal fragility curve.
-          Both assume independent records.
+          Both assume independent records, and take the mean of both directions of a record
+          where the suite has both.
         - Over threshold: ``lognormal_median``, ``lognormal_dispersion``, and a ``remark``,
           which says where the curve does not fit: overturning is not monotone in the level.
         - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
@@ -163,7 +170,8 @@ def fragility(
         "model": model.name,
         **_describe_objects(objects, uncertain),
         "measure": measure,
-        "records": len(suite),
+        "records": suite.recordings,
+        **describe_directions(suite),
         "tolerance": tolerance,
         "confidence": confidence,
     }
@@ -182,7 +190,7 @@ def fragility(
     if objects.shape:
         labels["object"] = (objects.names, "object")
     responses = add_names(grid.build_dataset(chunks), **labels)
-    return add_curves(responses, thresholds, threshold_names, confidence)
+    return add_curves(responses, thresholds, threshold_names, confidence, suite.directions)
 
 
 def _choose_levels(block: Block, measure: str) -> np.ndarray:

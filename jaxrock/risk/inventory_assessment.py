@@ -13,7 +13,7 @@ from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
 from .clopper_pearson import bound_probabilities
-from .exceedance import describe_variable
+from .exceedance import describe_directions, describe_variable
 from .hazard import Hazard, compute_return_periods
 from .inventory import Inventory
 from .lognormal import fit_lognormal
@@ -232,6 +232,9 @@ def _simulate_objects(
     )
     levels = np.asarray(site.levels)
     at_reported = tabulate_outcomes(cases, reported)
+    # The directions of a record count as one record, by their mean.
+    directions = site.suite.directions
+    recordings = site.suite.recordings
     separate = []
     remarks = []
     for k in range(number):
@@ -241,15 +244,15 @@ def _simulate_objects(
         outcomes = overturned[:, samples]
         means = average_samples(rates.contributions[:, samples], outcomes, site)
         # A record counts by the fraction of its samples.
-        fractions = outcomes.mean(axis=1).sum(axis=0)
-        fit = fit_lognormal(levels, fractions, cases.records)
-        counts = at_reported[:, samples].mean(axis=1).sum(axis=0)
-        low, high = bound_probabilities(counts, cases.records, _CONFIDENCE)
+        fractions = outcomes.mean(axis=1).sum(axis=0) / directions
+        fit = fit_lognormal(levels, fractions, recordings)
+        counts = at_reported[:, samples].mean(axis=1).sum(axis=0) / directions
+        low, high = bound_probabilities(counts, recordings, _CONFIDENCE)
         separate.append(
             {
                 "median": fit.median,
                 "dispersion": fit.dispersion,
-                "probability": counts / cases.records,
+                "probability": counts / recordings,
                 "probability_low": low,
                 "probability_high": high,
                 "rate": means.rate,
@@ -319,7 +322,8 @@ def _make_dataset(
         {
             "measure": site.measure,
             "target": float(target),
-            "record_count": len(site.suite),
+            "record_count": site.suite.recordings,
+            **describe_directions(site.suite),
             "hazard_curve": str(site.hazard),
             "model": model.name,
             "simulated_levels": site.levels.size,
