@@ -26,7 +26,7 @@ from .floor import Floor, compute_floor_motion, warn_of_coarse_step
 from .intensity import intensity_measure
 from .record import Record
 from .reversal import find_directions, reverse_record
-from .suite_checks import check_measures, check_names, check_records
+from .suite_checks import check_measures, check_names, check_records, describe_samples
 
 
 class Suite(Printed, eqx.Module):
@@ -109,25 +109,10 @@ class Suite(Printed, eqx.Module):
         self.directions = int(directions)
 
     def __str__(self) -> str:
-        samples, steps = (
-            sorted({number(record) for record in self.records})
-            for number in (
-                lambda record: record.samples,
-                lambda record: float(record.time_step),
-            )
-        )
-
-        def format_range(values: list[int] | list[float]) -> str:
-            """Write the smallest and the largest of sorted values, or the only one."""
-            words = [
-                f"{value:,}" if value == int(value) else f"{value:.4g}" for value in values
-            ]
-            return words[0] if len(words) == 1 else f"{words[0]} to {words[-1]}"
-
         ways = " in both directions" * (self.directions == 2)
         words = (
             f"suite of {self.recordings} record{'s' * (self.recordings > 1)}{ways} of"
-            f" {format_range(samples)} samples, {format_range(steps)} s apart"
+            f" {describe_samples(self.records)}"
         )
         if self.ground is None:
             return words

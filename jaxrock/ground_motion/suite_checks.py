@@ -1,4 +1,4 @@
-"""Checks of the records of a suite, their names and their intensities."""
+"""The records of a suite: checks of them, their names and intensities, and their description."""
 
 from collections.abc import Sequence
 
@@ -68,3 +68,16 @@ def check_measures(
                 f"every record must have a {measure} greater than 0 to be scaled,"
                 f" got {value.min():.9g} for {name!r}"
             )
+
+
+def describe_samples(records: Sequence[Record]) -> str:
+    """Describe how many samples concrete records have, and how far apart."""
+    samples = sorted({record.samples for record in records})
+    steps = sorted({float(record.time_step) for record in records})
+    return f"{_format_range(samples)} samples, {_format_range(steps)} s apart"
+
+
+def _format_range(values: list[int] | list[float]) -> str:
+    """Write the smallest and the largest of sorted values, or the only one."""
+    words = [f"{value:,}" if value == int(value) else f"{value:.4g}" for value in values]
+    return words[0] if len(words) == 1 else f"{words[0]} to {words[-1]}"

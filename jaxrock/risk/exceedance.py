@@ -28,9 +28,14 @@ def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
     }
 
 
-def describe_directions(suite: Suite) -> dict[str, int]:
-    """Make the attribute of a dataset that says in how many directions each record was taken."""
-    return {"directions": suite.directions} if suite.directions > 1 else {}
+def describe_suite(suite: Suite) -> dict[str, object]:
+    """Make the attributes of a dataset about directions of the records, and their floor."""
+    attributes = {}
+    if suite.directions > 1:
+        attributes["directions"] = suite.directions
+    if suite.ground is not None:
+        attributes["floor"] = "given by records" if suite.floor is None else str(suite.floor)
+    return attributes
 
 
 # Dimensions beside object and threshold, type, and long name of the variables of a curve. The

@@ -147,8 +147,9 @@ def overturning_rate(
         C [-], between 0 and 1; one, or one for each block.
     site : Site
     uncertain : Uncertain, optional
-        Uncertain parameters. The rate is then the mean over samples as well, and has no
-        derivatives.
+        Uncertain parameters of the block, the restitution and, under a suite on a floor, the
+        ``floor_period`` and ``floor_damping``. The rate is then the mean over samples as well,
+        and has no derivatives.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     max_boundaries : int
@@ -304,13 +305,14 @@ def _average_samples(
     objects: Objects, uncertain: Uncertain, site: Site, model: RockingModel
 ) -> OverturningRate:
     """Compute the rates of samples of objects, and average over them."""
-    draws = uncertain.draw(objects.block, objects.restitution)
+    has_floor = site.suite.floor is not None
+    draws = uncertain.draw(objects.block, objects.restitution, on_floor=has_floor)
     shape = draws.restitution.shape
-    block, restitution = jax.tree.map(
-        lambda leaf: leaf.reshape(-1), (draws.block, draws.restitution)
+    block, restitution, floors = jax.tree.map(
+        lambda leaf: leaf.reshape(-1), (draws.block, draws.restitution, draws.floor)
     )
     simulated = simulate_samples(
-        objects, block, restitution, site, model, _ACCURACY_OF_SAMPLES
+        objects, block, restitution, site, model, _ACCURACY_OF_SAMPLES, floors
     )
     rates = simulated.rates
     records = simulated.cases.records

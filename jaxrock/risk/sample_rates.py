@@ -8,6 +8,7 @@ import numpy as np
 from ..block import Block
 from ..ground_motion import average_directions
 from ..resonance import RockingModel
+from ..sensitivity import FloorFactors
 from ..validation import AnyArray, choose_namespace
 from .not_detected import bound_not_detected
 from .objects import Objects
@@ -37,13 +38,15 @@ def simulate_samples(
     site: Site,
     model: RockingModel,
     accuracy: float,
+    floors: FloorFactors | None = None,
 ) -> SimulatedSamples:
     """Simulate samples of objects, given along one axis, at all levels of a site.
 
-    `accuracy` is that of the rate of a sample, relative; see `compute_rates`.
+    `accuracy` is that of the rate of a sample, relative; see `compute_rates`. Samples may have
+    floors of their own.
     """
     samples = objects._replace(block=block, restitution=restitution, names=())
-    cases = Cases.of(samples, site, model)
+    cases = Cases.of(samples, site, model, floors)
     levels = np.asarray(site.levels)
     overturned = tabulate_outcomes(cases, levels)
     return SimulatedSamples(
