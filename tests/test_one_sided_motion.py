@@ -114,7 +114,7 @@ def test_what_pushes_into_the_wall_moves_nothing():
 def test_velocity_is_reversed_and_the_side_stays():
     response = jr.respond(BOUNCY, -0.5, jr.Still(), 4.0, rotation=0.15)
     times = np.linspace(0, 4, 401)
-    rotation, velocity = response.history(times)
+    rotation, _ = response.history(times)
     assert np.min(rotation) >= 0
     assert np.max(rotation[times > float(response.impact_times[0])]) > 0.01
     # All impacts come from the same side, each with half the velocity of the one before.
