@@ -143,8 +143,8 @@ class Inventory(Printed, eqx.Module):
     def __str__(self) -> str:
         sizes = size_of(self.objects.block, "sides")
         columns: dict[str, Iterable[object]] = {
-            "width [m]": sizes["width"],
-            "height [m]": sizes["height"],
+            "width [m]": np.asarray(sizes["width"]),
+            "height [m]": np.asarray(sizes["height"]),
             "restitution": np.asarray(self.restitution),
         }
         if any(self.one_sided):
