@@ -79,9 +79,7 @@ def test_records_against_independent_integration(name, vertical):
         motion = jr.Record(
             horizontal, record.time_step, up if vertical else None, scale=factor
         )
-        ground = stepping.record(
-            np.asarray(horizontal), up, float(record.time_step), scale[0]
-        )
+        ground = stepping.record(np.asarray(horizontal), up, float(record.time_step), scale[0])
         truth = stepping.follow(rocker, ground, rtol=1e-12)
         many = jr.respond_batch(FACADE, restitution, motion)
         response = jr.respond(FACADE, restitution, motion, rtol=1e-10)
