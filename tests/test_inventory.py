@@ -215,7 +215,7 @@ TABLES_THAT_ARE_REFUSED = [
     (f"{PLACE}\na,.2,1,,maybe,,\n", "2: column 'one-sided' must be yes, no, .* got 'maybe'"),
     (f"{PLACE}\na,.2,1,-.5,no,,\n", "2: .*'C' must be between 0 and 1, got '-.5'"),
     (f"{PLACE}\na,.2,1,-2,yes,,\n", "2: .*'C' must be between -1 and 1 for a one-sided bl"),
-    (f"{PLACE}\na,1,1.2,,yes,,\n", "2: .* this stocky, since a wall .* restitution is 0.05"),
+    (f"{PLACE}\na,1,1.2,,yes,,\n", "2: .* this stocky, since a wall .* restitution is 0.017"),
     (f"{PLACE}\na,.2,1,,,-1,\n", "2: .*'floor period s' must be finite and at least 0"),
     (f"{PLACE}\na,.2,1,,,.4,5\n", "2: .*'floor damping' must be between 0 and 1, got '5'"),
     (f"{PLACE}\na,.2,1,,,,.05\n", "2: a floor damping goes with a floor period, got '.05'"),
@@ -430,7 +430,7 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
     np.testing.assert_array_equal(mixed.rate, np.sort(mixed.rate)[::-1])
     np.testing.assert_array_equal(mixed["rank"], np.arange(1, 7))
     suite = noise_site.suite
-    floor = suite.on_floor(0.3, 0.05)
+    floor = suite.on_floor(0.3, 0.05, time_step=0.015)
     groups = {
         (0, 3): (suite, ""),
         (1,): (suite.both_directions(), "against a wall: each record in both directions"),
@@ -440,7 +440,10 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
             "against a wall: each record in both directions;"
             " on a floor of period 0.3 s, damping 0.05",
         ),
-        (5,): (suite.on_floor(0.3, 0.1), "on a floor of period 0.3 s, damping 0.1"),
+        (5,): (
+            suite.on_floor(0.3, 0.1, time_step=0.015),
+            "on a floor of period 0.3 s, damping 0.1",
+        ),
     }
     for members, (motions, remark) in groups.items():
         k = list(members)

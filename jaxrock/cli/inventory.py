@@ -75,6 +75,11 @@ def inventory(
     hazard = suite_options.read_hazard(measure)
     if hazard is None:
         raise ValueError("hazard must be given")
+    if any(objects.one_sided) and suite_options.direction not in (None, "both"):
+        raise ValueError(
+            "direction must be both, or not given, where objects are one-sided, got"
+            f" {suite_options.direction}"
+        )
     site = Site(suite_options.read_suite(), hazard, measure, spacing=_SPACING)
     with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_inventory

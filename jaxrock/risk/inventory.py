@@ -108,8 +108,7 @@ class Inventory(Printed, eqx.Module):
         # Of one-sided objects magnitudes are taken; all others have to be positive.
         objects = gather_objects(_as_kind(block, bool(kinds.any())), coefficient, names)
         kinds = _give_each("one_sided", kinds, objects.number)
-        coefficients = np.broadcast_to(np.asarray(coefficient), objects.shape)
-        check("restitution", coefficients[~kinds], UNIT_INTERVAL)
+        check("restitution", np.where(kinds, 0, coefficient), UNIT_INTERVAL)
         objects = objects._replace(block=_as_kind(objects.block, bool(kinds.all())))
         period = _read_each("floor_period", floor_period, "s", NON_NEGATIVE, objects.number)
         if floor_damping is not None and not period.any():
