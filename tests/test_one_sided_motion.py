@@ -257,3 +257,17 @@ def test_one_program_of_the_batch_more():
     finally:
         jax.monitoring.unregister_event_duration_listener(hear)
     assert not any("follow_rows" in name for name in names)
+
+
+def test_ground_that_falls_away_lifts_to_the_side_without_the_wall():
+    """Faster than g, while it pushes into the wall: both sides of a free block would be lifted."""
+    horizontal = np.array([0.0, -1.0, -1.0, 3.0, 0.0])
+    vertical = np.array([0.0, -16.0, -16.0, 0.0, 0.0])
+    record = jr.Record(horizontal, 0.1, vertical)
+    response = jr.respond(BOUNCY, 0.4, record, 1.0)
+    many = jr.respond_batch(BOUNCY, 0.4, record, 1.0)
+    rotation, _ = response.history(np.linspace(0, 1, 101))
+    assert float(response.peak_rotation) > 1e-3
+    assert np.min(rotation) >= 0
+    np.testing.assert_allclose(many.peak_rotation, response.peak_rotation, rtol=1e-4)
+    np.testing.assert_allclose(many.final_rotation, response.final_rotation, atol=1e-5)
