@@ -169,10 +169,10 @@ def _compute_block_response(x: AnyArray, damping: AnyArray) -> _BlockResponse:
     # Four motions at once: a displacement, a velocity, a sample at the beginning of the first
     # step, and one at the end of it, which is at the beginning of the second one.
     zero = library.zeros_like(square)
-    one = zero + 1
+    unit = zero + 1
     state = (
-        library.concatenate([one, zero, zero, zero], axis=-1),
-        library.concatenate([zero, one, zero, zero], axis=-1),
+        library.concatenate([unit, zero, zero, zero], axis=-1),
+        library.concatenate([zero, unit, zero, zero], axis=-1),
     )
     left = library.zeros((_BLOCK, 4), x.dtype)
     right = library.zeros((_BLOCK, 4), x.dtype)
