@@ -9,28 +9,27 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .body import RECTANGLE_INERTIA_RATIO as RECTANGLE_INERTIA_RATIO
+from .body import compute_shape, compute_size, share_in_centre
 from .host import Printed, format_derivatives, format_number
 from .numerics import angle
 from .validation import (
     AT_LEAST_ONE,
     NON_NEGATIVE,
     POSITIVE,
-    RIGHT_ANGLE,
     AnyArray,
     Checked,
     Number,
     Reals,
     as_field,
+    as_flag,
     as_real,
     check,
-    describe,
     elementwise,
     is_traced,
     quantity,
 )
 
-# kappa of a homogeneous rectangle; its reciprocal rounds to 0.75 in every precision.
-RECTANGLE_INERTIA_RATIO = 4 / 3
 # The two descriptions of the size of a block: 2b and 2a, or b and lambda.
 SizeDescription = Literal["sides", "shape"]
 SIDES = ("width", "height")
@@ -78,6 +77,7 @@ class Block(Printed, Checked):
     slenderness: Reals = quantity(POSITIVE, "")
     gravity: Reals = quantity(POSITIVE, "m/s2")
     inertia_ratio: Reals = quantity(AT_LEAST_ONE, "")
+    # Static: on which side a block goes on decides which program is compiled.
     # Type checkers take the declarations above for default values.
     one_sided: bool = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
 
@@ -101,13 +101,11 @@ class Block(Printed, Checked):
         *,
         one_sided: bool = False,
     ):
-        if not isinstance(one_sided, bool | np.bool_):
-            raise ValueError(f"one_sided must be True or False, got {describe(one_sided)}")
         self.half_width = as_field(Block, "half_width", half_width)
         self.slenderness = as_field(Block, "slenderness", slenderness)
         self.gravity = as_field(Block, "gravity", gravity)
         self.inertia_ratio = as_field(Block, "inertia_ratio", inertia_ratio)
-        self.one_sided = bool(one_sided)
+        self.one_sided = as_flag("one_sided", one_sided)
 
     def __str__(self) -> str:
         if words := format_derivatives(self):
@@ -213,9 +211,7 @@ class Block(Printed, Checked):
         >>> print(f"{statue.half_width:.4f} m, {statue.half_height:.4f} m")
         0.3898 m, 1.9229 m
         """
-        size = _size_from_parameters(
-            frequency_parameter, critical_angle, gravity, inertia_ratio
-        )
+        size = compute_size(frequency_parameter, critical_angle, gravity, inertia_ratio)
         return cls(*size, gravity, inertia_ratio, one_sided=one_sided)
 
     @classmethod
@@ -263,7 +259,7 @@ class Block(Printed, Checked):
         >>> print(jr.Block.from_body(0.3, 1.2, mass=500.0, inertia_about_centre=306.0))
         half-width 0.3 m, slenderness 4, gravity 9.81 m/s2, inertia ratio 1.4
         """
-        shape = _shape_from_body(half_width, centre_height, mass, inertia_about_centre)
+        shape = compute_shape(half_width, centre_height, mass, inertia_about_centre)
         return cls(half_width, shape[0], gravity, shape[1], one_sided=one_sided)
 
     @property
@@ -388,6 +384,7 @@ def block_of(parameters: Mapping[str, Number], one_sided: bool) -> Block:
     else:
         half_width = parameters["half_width"]
         slenderness = parameters["slenderness"]
+    # Gravity and the inertia ratio have one description.
     numbers = (half_width, slenderness, parameters["gravity"], parameters["inertia_ratio"])
     block = Block(*numbers, one_sided=one_sided)
     if all(isinstance(value, np.ndarray | np.generic) for value in numbers):
@@ -419,13 +416,6 @@ def diagonal_ratio(block: Block) -> Reals:
     return jnp.sqrt(1 + block.slenderness**2)
 
 
-def share_in_centre(inertia_ratio: Reals) -> Reals:
-    """Compute 1 / kappa, the share of the moment of inertia that a mass in its centre has."""
-    # A plain reciprocal XLA merges with the next quotient, which rounds otherwise than 0.75
-    # does.
-    return 0.75 * (RECTANGLE_INERTIA_RATIO / inertia_ratio)
-
-
 def is_rectangle(block: Block) -> bool:
     """Tell whether the inertia ratio is known to belong to a homogeneous rectangle."""
     ratio = block.inertia_ratio
@@ -433,34 +423,3 @@ def is_rectangle(block: Block) -> bool:
     if is_traced(ratio) or not isinstance(ratio, jax.Array | np.ndarray):
         return False
     return bool(np.allclose(ratio, RECTANGLE_INERTIA_RATIO, rtol=1e-6, atol=0))
-
-
-@elementwise(
-    frequency_parameter=POSITIVE,
-    critical_angle=quantity(RIGHT_ANGLE, "rad"),
-    gravity=quantity(POSITIVE, "m/s2"),
-    inertia_ratio=quantity(AT_LEAST_ONE, ""),
-)
-def _size_from_parameters(
-    frequency_parameter: Number, critical_angle: Number, gravity: Number, inertia_ratio: Number
-) -> tuple[Reals, Reals]:
-    """Compute half-width and slenderness from measured parameters."""
-    share = share_in_centre(jnp.asarray(inertia_ratio))
-    half_diagonal = share * gravity / jnp.square(frequency_parameter)
-    return half_diagonal * jnp.sin(critical_angle), 1 / jnp.tan(critical_angle)
-
-
-@elementwise(
-    half_width=quantity(POSITIVE, "m"),
-    centre_height=POSITIVE,
-    mass=POSITIVE,
-    inertia_about_centre=NON_NEGATIVE,
-)
-def _shape_from_body(
-    half_width: Number, centre_height: Number, mass: Number, inertia_about_centre: Number
-) -> tuple[Reals, Reals]:
-    """Compute slenderness and inertia ratio from the mass and inertia of a body."""
-    square = jnp.square(half_width) + jnp.square(centre_height)
-    return jnp.divide(centre_height, half_width), 1 + jnp.asarray(inertia_about_centre) / (
-        mass * square
-    )

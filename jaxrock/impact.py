@@ -14,7 +14,8 @@ from typing import cast
 import jax.numpy as jnp
 import numpy as np
 
-from .block import Block, share_in_centre
+from .block import Block
+from .body import share_in_centre
 from .validation import (
     UNIT_INTERVAL,
     Domain,
@@ -38,6 +39,17 @@ def velocity_after_impact(restitution: Reals, velocity: Reals) -> Reals:
 def side_after_impact(one_sided: bool, side: Reals) -> Reals:
     """Return the side on which a block stands after an impact, 1 or -1."""
     return side if one_sided else -side
+
+
+def require_free_standing(block: Block, subject: str) -> None:
+    """Raise `ValueError` for a one-sided block, which a subject leaves out."""
+    if block.one_sided:
+        raise ValueError(f"block must be free-standing for {subject}, got a one-sided one")
+
+
+def count_half_cycles(block: Block) -> int:
+    """Count the half-cycles of a full period: two, and one of a block against a wall."""
+    return 1 if block.one_sided else 2
 
 
 def read_restitution(block: Block, restitution: Number) -> Reals:

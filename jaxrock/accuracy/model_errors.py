@@ -13,6 +13,7 @@ import numpy as np
 
 from ..ground_motion import HalfSine, Pulse, Rectangular
 from ..host import Printed, format_number
+from ..impact import count_half_cycles
 from ..resonance import (
     Linearized,
     Nonlinear,
@@ -316,9 +317,9 @@ def _estimate_duration_costs(
     """
     duration = pulse.duration
     centroid = pulse.centroid
-    # A pulse acts at its centroid, and up to there the block goes at C of the velocity: twice
-    # in a period it is late by 1 - C of that time.
-    later = 2 * duration * (1 - scene.restitution) * centroid
+    # A pulse acts at its centroid, and up to there the block goes at C of the velocity: in each
+    # half-cycle it is late by 1 - C of that time.
+    later = count_half_cycles(scene.block) * duration * (1 - scene.restitution) * centroid
     # The critical intensity is where the block settles at the critical velocity: there the
     # shift of the velocity says by how much the intensity has to change the other way.
     critical = answers[0, 2]

@@ -23,6 +23,7 @@ from ..block import Block
 from ..driven import DrivenScene, respond, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
 from ..host import Printed, announce, make_dataset, show_progress
+from ..impact import count_half_cycles
 from ..resonance import (
     Nonlinear,
     RockingModel,
@@ -282,9 +283,8 @@ def _compute_answer(
     velocity = stabilized_velocity(scene)
     settings = {"rtol": dials.tolerance, "solver": dials.solver}
     response = respond(scene.block, zero, still, duration, velocity=velocity, **settings)
-    return np.stack(
-        [response.peak_rotation / scene.block.critical_angle, 2 * response.impact_times[0]]
-    )
+    period = count_half_cycles(scene.block) * response.impact_times[0]
+    return np.stack([response.peak_rotation / scene.block.critical_angle, period])
 
 
 @functools.partial(jax.jit, static_argnames="model")

@@ -9,7 +9,7 @@ from jaxtyping import Array
 from ..block import Block
 from ..ground_motion import Motion
 from ..host import Printed, Status, describe_status
-from ..impact import housner_restitution
+from ..impact import housner_restitution, require_free_standing
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     FINITE,
@@ -157,9 +157,9 @@ def fit_driven_rocking(
     Raises
     ------
     ValueError
-        If an argument is out of range, traced, or not of the shape it has to be; if the
-        measured block hardly moves, or the one computed overturns or does not move for all C
-        tried.
+        If an argument is out of range, traced, or not of the shape it has to be; if the block
+        is one-sided; if the measured block hardly moves, or the one computed overturns or does
+        not move for all C tried.
 
     Notes
     -----
@@ -206,6 +206,7 @@ def _check_test(
 ) -> ShakingTest:
     """Check the test: all of it concrete and allowed."""
     check_kind("block", block, Block)
+    require_free_standing(block, "a fit of driven rocking")
     check_kind("motion", motion, Motion)
     # A string is a sequence of its letters, which are no names.
     if isinstance(parameters, str) or not parameters:

@@ -59,7 +59,7 @@ def fit_free_rocking(
         Times of successive impacts [s], increasing.
     block : Block, optional
         The block, if it is known. Without it p is fitted too, from the times, and alpha_c if
-        there are peaks as well.
+        there are peaks as well. Of a one-sided block C is the magnitude, and peaks are positive.
     peak_rotations : array_like, shape (n - 1,), optional
         Largest rotation between each impact and the next [rad], to either side; NaN where
         unknown. Without times, those of successive half-cycles, of any number.
@@ -108,7 +108,8 @@ def fit_free_rocking(
     >>> print(f"{fit.restitution:.5f} +- {fit.standard_errors['restitution']:.5f}")
     0.89998 +- 0.00002
     """
-    measured, dtype = check_measurements(impact_times, peak_rotations)
+    one_sided = isinstance(block, Block) and block.one_sided
+    measured, dtype = check_measurements(impact_times, peak_rotations, one_sided)
     if model is None:
         model = Linearized() if block is None else Nonlinear()
     known = gather_known(block, measured, as_model(model), frequency_known, dtype)
@@ -264,7 +265,9 @@ def _make_free_rocking_fit(
     elif block is None:
         values["critical_angle"] = np.nan
     elif free["frequency_parameter"]:
-        block = Block.from_parameters(p, angle, block.gravity, block.inertia_ratio)
+        block = Block.from_parameters(
+            p, angle, block.gravity, block.inertia_ratio, one_sided=block.one_sided
+        )
     if not free["first_impact"]:
         values["first_impact"] = np.nan
     errors = np.sqrt(np.diagonal(about.covariance))

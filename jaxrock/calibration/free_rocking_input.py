@@ -23,7 +23,7 @@ _ANY_SHAPE = 5.0  # slenderness where none is known: the linearized equation has
 
 
 def check_measurements(
-    impact_times: Numbers | None, peak_rotations: Numbers | None
+    impact_times: Numbers | None, peak_rotations: Numbers | None, one_sided: bool
 ) -> tuple[Measured, np.dtype]:
     """Check the measurements, and return them and the precision in which they are given."""
     times = None
@@ -49,7 +49,7 @@ def check_measurements(
     t = _as_float(times, 1)
     a = _as_float(peaks, 0)
     _check_times(t)
-    _check_peaks(a)
+    _check_peaks(a, one_sided)
     # The equation is the same on both sides: only the size of a peak matters.
     known = ~np.isnan(a)
     measured = Measured(
@@ -74,8 +74,13 @@ def _check_times(times: Values) -> None:
     check_increasing("impact_times", times)
 
 
-def _check_peaks(peaks: Values) -> None:
+def _check_peaks(peaks: Values, one_sided: bool) -> None:
     """Raise `ValueError` if a peak rotation is 0 or cannot be in radians; NaN is allowed."""
+    behind = peaks[peaks < 0]
+    if one_sided and behind.size:
+        raise ValueError(
+            f"peak_rotations of a one-sided block must be positive, got {behind[0]:g}"
+        )
     out_of_range = (peaks == 0) | (np.abs(peaks) > np.pi / 2)
     if out_of_range.any():
         raise ValueError(

@@ -34,7 +34,8 @@ def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear(
     """Compute the factor on a motion from which on it lifts the block from rest.
 
     At some time the horizontal acceleration exceeds (g + vertical) tan(alpha_c), linearized
-    (g + vertical) alpha_c. The factor multiplies both components.
+    (g + vertical) alpha_c, to either side, or away from the wall of a one-sided block. The
+    factor multiplies both components.
 
     Parameters
     ----------
@@ -70,7 +71,8 @@ def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear(
     if array := next((shape for shape in shapes if shape), None):
         raise ValueError(f"motion must be a single one, got an array of shape {array}")
     check("motion", motion, None)
-    return _divide_by_strength(*_describe_uplift(block, model), motion.bucketed())
+    uplift = _describe_uplift(block, model)
+    return _divide_by_strength(*uplift, motion.bucketed(), one_sided=block.one_sided)
 
 
 @elementwise(model=as_model)
@@ -81,7 +83,9 @@ def _describe_uplift(block: Block, model: ModelLike) -> tuple[Reals, Reals]:
 
 
 @eqx.filter_jit
-def _divide_by_strength(needed: Reals, tangent: Reals, motion: Motion) -> Reals:
+def _divide_by_strength(
+    needed: Reals, tangent: Reals, motion: Motion, *, one_sided: bool
+) -> Reals:
     """Divide the acceleration that lifts by the largest that acts, of one motion."""
     # A block that is not allowed has NaN, with derivative zero: 1 stands in.
     valid = ~jnp.isnan(needed)
@@ -92,7 +96,8 @@ def _divide_by_strength(needed: Reals, tangent: Reals, motion: Motion) -> Reals:
     # The axes of blocks come first.
     shape = (1,) * needed.ndim + knots.shape
     push, lift = (x.reshape(shape) for x in motion.value(knots))
-    strength = pick_largest(abs(push) - tangent[..., None] * lift)
+    outward = push if one_sided else abs(push)
+    strength = pick_largest(outward - tangent[..., None] * lift)
     lifts = strength > 0
     factor = jnp.where(lifts, needed / jnp.where(lifts, strength, 1), jnp.inf)
     return jnp.where(valid, factor, jnp.nan)

@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
-from matplotlib.patches import Arc, Polygon
+from matplotlib.patches import Arc, Polygon, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from ..block import Block, is_rectangle
@@ -41,6 +41,7 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     ----------
     block, rotation : Block, float
         One block, and alpha [rad], positive to the right; half the critical angle by default.
+        A one-sided block is drawn with its wall, to the left.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 
@@ -49,6 +50,11 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     matplotlib.axes.Axes
         The axes drawn on.
 
+    Raises
+    ------
+    ValueError
+        If `rotation` of a one-sided block is negative.
+
     Examples
     --------
     >>> import jaxrock as jr
@@ -56,13 +62,20 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     """
     critical = float(block.critical_angle)
     rotation = 0.5 * critical if rotation is None else float(rotation)
+    if block.one_sided and rotation < 0:
+        raise ValueError(
+            f"rotation of a one-sided block must be at least 0, got {rotation:.6g} rad"
+        )
     side = 1 if rotation >= 0 else -1
     b = float(block.half_width)
     a = float(block.half_height)
     ax = get_axes(ax, figsize=(4.2, 4.4))
     # Wide enough for the arrow on one side, and for the top edge of a block that lies down.
     reach = max(2 * b + 0.6 * a, 1.1 * (b + 2 * a * abs(np.sin(rotation))))
-    shape = _draw_block(ax, block, reach, max(2.2 * a, 2.1 * float(block.half_diagonal)))
+    top = max(2.2 * a, 2.1 * float(block.half_diagonal))
+    shape = _draw_block(ax, block, reach, top)
+    if block.one_sided:
+        _draw_wall(ax, block, top)
     shape.set_xy(_rotate(_compute_corners(block), block, rotation))
 
     # Lines from G to the pivot, to the top and across: R, a and b.
@@ -159,7 +172,9 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     weight = 1 + np.asarray(scene.motion.upward(times)) / float(scene.block.gravity)
     lifting = float(uplift_acceleration(scene.block, response.model)) * weight
     above.plot(times, np.asarray(scene.motion.horizontal(times)), color=NEUTRAL, linewidth=0.7)
-    levels = above.plot(times, lifting, times, -lifting)
+    levels = above.plot(times, lifting)
+    if not scene.block.one_sided:
+        levels += above.plot(times, -lifting)
     # The legend is one, below: it gets its entry from a line without points.
     for line in (*levels, *ax.plot([], label="lifts the block")):
         line.set(color=LINE, linestyle="-.", linewidth=0.8)
@@ -197,11 +212,12 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     # The separatrix belongs to free motion: its energy is that with which a block balances.
     equation = Equation.of(block, response.model)
     returning = np.asarray(equation.returning_velocity(jnp.asarray(outward)))
-    mirrored = (
-        outward[:, None] * [1, 1, -1, -1] / angle,
-        returning[:, None] * [1, -1, 1, -1] / unit,
-    )
-    ax.plot(*mirrored, "--", color=NEUTRAL, label=["separatrix", None, None, None])
+    # On the side of a wall there is none.
+    sides = np.array([1, 1] if block.one_sided else [1, 1, -1, -1])
+    velocities = np.array([1, -1, 1, -1][: sides.size])
+    mirrored = outward[:, None] * sides / angle, returning[:, None] * velocities / unit
+    labels = ["separatrix", None, None, None][: sides.size]
+    ax.plot(*mirrored, "--", color=NEUTRAL, label=labels)
     shown = np.abs(velocity[np.abs(rotation) <= 1.5 * angle]) / unit
     # The fall, much faster than what came before it, does not set the limits.
     limit = max(1.2, 1.1 * min(float(np.nanmax(shown)), 3))
@@ -279,6 +295,7 @@ def animate(
     )
     # As large as the height of the panel allows.
     shape = _draw_block(ax, block, max(1.1 * reach, 0.8 * top), 1.08 * top)
+    walls = [_draw_wall(ax, block, 1.08 * top)] if block.one_sided else []
     # Marks on the ground, without which nobody would see it move.
     stones = np.linspace(-8, 8, 65) * top
     (ground,) = ax.plot(stones, 0 * stones - 0.06 * top, "|", color=NEUTRAL, markersize=8)
@@ -296,6 +313,8 @@ def animate(
         """Move everything to its place in a frame."""
         shape.set_xy(drawn[frame])
         ground.set_xdata(stones + shifts[frame])
+        for wall in walls:
+            wall.set_x(shifts[frame] - wall.get_width() - float(block.half_width))
         trace.set_data(times[: frame + 1], ratios[: frame + 1])
         now.set_data(times[frame : frame + 1], ratios[frame : frame + 1])
         ax.set_title(f"{times[frame]:.2f} s, {np.degrees(rotations[frame]):+.1f}°{speed}")
@@ -349,3 +368,11 @@ def _draw_block(ax: Axes, block: Block, reach: float, top: float) -> Polygon:
         ax.text(0.02, 0.98, _STAND_IN, transform=ax.transAxes, va="top", fontsize="small")
     ax.add_patch(shape)
     return shape
+
+
+def _draw_wall(ax: Axes, block: Block, top: float) -> Rectangle:
+    """Draw the wall to the left of a one-sided block, as thick as half of its width."""
+    b = float(block.half_width)
+    wall = Rectangle((-2 * b, 0), b, top, facecolor="0.85", edgecolor=NEUTRAL, hatch="///")
+    ax.add_patch(wall)
+    return wall

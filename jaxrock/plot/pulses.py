@@ -34,8 +34,9 @@ def plot_resonance(
 ) -> Axes:
     """Draw the resonance input and, under it, the rotation over time (Fig. 2).
 
-    A pulse comes right after every impact. The pulses are on axes of their own, the child of
-    those returned. A block that overturns is drawn until then.
+    A pulse comes right after every impact, of a one-sided block always away from its wall. The
+    pulses are on axes of their own, the child of those returned. A block that overturns is
+    drawn until then.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def plot_resonance(
     longest = _LONGEST / float(block.frequency_parameter)
     durations[-1] = np.fmin(durations[-1], longest)  # NaN if it overturns
     starts = np.cumsum(durations)[:, None] - durations
-    sides = (-1.0) ** np.arange(count)[:, None]
+    sides = (1.0 if block.one_sided else -1.0) ** np.arange(count)[:, None]
     # From launch to launch: of a train at fixed times every error grows from impact to impact.
     since = durations * np.linspace(0, 1, _POINTS)
     rotation = sides * np.asarray(model.motion(block, launches, since)[0])

@@ -12,7 +12,7 @@ from .. import resonance
 from ..accuracy import choose
 from ..block import RECTANGLE_INERTIA_RATIO, SIZES_IN_WORDS, size_of
 from ..host import map_in_threads
-from ..impact import housner_restitution
+from ..impact import count_half_cycles, housner_restitution, one_sided_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
 from ..validation import check_kind
 
@@ -27,6 +27,7 @@ _ROWS = (
     ("critical angle alpha_c [rad]", "scene.critical_angle"),
     ("frequency parameter p [1/s]", "scene.frequency_parameter"),
     ("Housner's restitution [-]", "scene.housner_restitution"),
+    ("restitution by the wall [-]", "scene.one_sided_restitution"),
     ("launch velocity (Eq. 2) [rad/s]", "scene.launch_velocity"),
     ("", ""),
     (f"{'':38}{'linearized':>14}{'nonlinear':>14}{'error':>10}", ""),
@@ -149,11 +150,16 @@ def _describe_scene(scene: Scene) -> Answers:
         "gravity",
         "inertia_ratio",
     )
+    by_size = (
+        {"one_sided_restitution": one_sided_restitution(block)}
+        if block.one_sided
+        else {"housner_restitution": housner_restitution(block)}
+    )
     return {
         **{name: size_of(block, "sides")[name] for name in ("width", "height")},
         **{name: getattr(block, name) for name in names},
         "restitution": scene.restitution,
-        "housner_restitution": housner_restitution(block),
+        **by_size,
         "intensity": scene.intensity,
         "launch_velocity": resonance.launch_velocity(scene),
         "stabilized_velocity": resonance.stabilized_velocity(scene),
@@ -193,8 +199,8 @@ def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
     peak = model.peak_rotation(block, resonance.launch_velocity(scene))
     half_cycles = jnp.asarray([*_HALF_CYCLES.values()])
     critical = resonance.critical_intensity(block, scene.restitution, half_cycles, model)
-    # With a restitution of 0 the block rests after each half-cycle: its period is twice the
-    # half-cycle after a single pulse. Both go through one program.
+    # With a restitution of 0 the block rests after each half-cycle: its period consists of
+    # half-cycles as after a single pulse. Both go through one program.
     restitutions = jnp.stack([jnp.zeros_like(scene.restitution), scene.restitution])
     periods = resonance.stabilized_period(Scene(block, restitutions, scene.intensity), model)
     return {
@@ -202,7 +208,7 @@ def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
         "single_pulse": {
             "peak_rotation": peak,
             "rotation_ratio": peak / block.critical_angle,
-            "half_cycle_duration": periods[0] / 2,
+            "half_cycle_duration": periods[0] / count_half_cycles(block),
         },
         "overturning_margin": margin,
         "overturning_half_cycle": resonance.overturning_half_cycle(scene, model),
@@ -245,12 +251,17 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
             f"centre of mass {scene['height'] / 2:.6g} m high"
             f" (slenderness {scene['slenderness']:.6g}), inertia ratio {scene['inertia_ratio']:.6g}"
         )
+    wall = "one_sided_restitution" in scene
+    outline += ", one-sided" if wall else ""
     lines = [
         f"Block {scene['width']:.6g} m wide, {outline}, C = {scene['restitution']:.6g},"
         f" pulses of {scene['intensity']:.6g} m/s",
         "",
     ]
+    absent = "scene.housner_restitution" if wall else "scene.one_sided_restitution"
     for label, place in (*_ROWS, *_list_sensitivity_rows(by_sides)):
+        if place == absent:
+            continue
         line = f"  {label:36}" if place else label
         for number in (column[place] for column in columns if place in column):
             never = place == "overturning_half_cycle" and math.isinf(number)

@@ -10,7 +10,6 @@ from .free_rocking import Linearized, Nonlinear
 from .free_rocking import ModelLike as ModelLike
 from .free_rocking import as_model as as_model
 from .half_cycle_map import (
-    Scene,
     amplification,
     half_cycle_velocity,
     launch_velocity,
@@ -30,6 +29,7 @@ from .inverse_design import (
 )
 from .pulse_train import TrainResponse, respond_to_train
 from .rocking_model import RockingModel
+from .scene import Scene
 from .train_timing import timing_costs
 from .worst_trains import WorstTrain, worst_train
 

@@ -1,7 +1,9 @@
 """Rocking resonance: the half-cycle map under the paper's input, and its limit.
 
 The input is an unlimited train of equal, alternating, instantaneous pulses: the first starts
-the motion, each further one comes right after an impact (Fig. 2).
+the motion, each further one comes right after an impact (Fig. 2). Each pushes the block away
+from the ground, on the side to which the impact sends it. Against a wall that is always the
+same side: there the pulses do not alternate, and all else is the same.
 """
 
 from collections.abc import Callable
@@ -10,64 +12,20 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..host import Printed, format_derivatives, format_number
-from ..impact import read_restitution, velocity_after_impact
+from ..impact import count_half_cycles, velocity_after_impact
 from ..numerics import one_minus_square, quotient, quotient_or_infinite, share_of_one
 from ..validation import (
     COUNT,
     NON_NEGATIVE,
-    UNIT_INTERVAL,
     Booleans,
-    Checked,
     Number,
     Reals,
-    as_field,
     elementwise,
     quantity,
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .rocking_model import RockingModel
-
-
-class Scene(Printed, Checked):
-    """A block, its coefficient of restitution, and the pulses that drive it; they broadcast.
-
-    Parameters
-    ----------
-    block : Block
-    restitution : array_like
-        C, velocity after an impact over the velocity before it [-], between 0 and 1; of a
-        one-sided block its magnitude counts.
-    intensity : array_like
-        I, the change of ground velocity in each pulse [m/s], finite and at least 0.
-
-    Notes
-    -----
-    To `jax.vmap` over some of its numbers, say which: ``in_axes=jax.tree.map(lambda leaf: 0
-    if leaf.ndim else None, scene)``.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> print(jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, intensity=0.15))
-    half-width 0.4 m, slenderness 5, gravity 9.81 m/s2
-    restitution 0.7, pulses of 0.15 m/s
-    """
-
-    block: Block
-    restitution: Reals = quantity(UNIT_INTERVAL, "")
-    intensity: Reals = quantity(NON_NEGATIVE, "m/s")
-
-    def __init__(self, block: Block, restitution: Number, intensity: Number):
-        self.block = block
-        self.restitution = read_restitution(block, restitution)
-        self.intensity = as_field(Scene, "intensity", intensity)
-
-    def __str__(self) -> str:
-        return format_derivatives(self) or (
-            f"{self.block}\nrestitution {format_number(self.restitution)},"
-            f" pulses of {format_number(self.intensity, 'm/s')}"
-        )
+from .scene import Scene
 
 
 @elementwise()
@@ -184,7 +142,8 @@ def stabilized_velocity(scene: Scene) -> Reals:
 def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the full period of the stabilized phase (Eq. 11).
 
-    Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses.
+    Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses. A one-sided block
+    is back where it was after each half-cycle: its period is half of Eq. 11.
 
     Parameters
     ----------
@@ -194,7 +153,8 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     Returns
     -------
     Array, shape (...)
-        T* [s], twice the duration of a half-cycle; NaN where the block overturns.
+        T* [s], twice the duration of a half-cycle, or that duration if the block is one-sided;
+        NaN where the block overturns.
 
     Examples
     --------
@@ -203,7 +163,7 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     1.104 s
     """
     half = _compute_where_stabilized(scene, model, lambda m, *at: m._half_cycle_duration(*at))
-    return 2 * half
+    return count_half_cycles(scene.block) * half
 
 
 @elementwise(model=as_model)

@@ -47,7 +47,7 @@ def critical_intensity(
     ----------
     block : Block
     restitution : array_like
-        C [-], between 0 and 1.
+        C [-], between 0 and 1; of a one-sided block its magnitude counts.
     half_cycles : array_like
         n, a whole number from 1 on, or inf.
     model : ModelLike
@@ -93,7 +93,7 @@ def critical_width(
     ----------
     block : Block
     restitution : array_like
-        C [-], between 0 and 1.
+        C [-], between 0 and 1; of a one-sided block its magnitude counts.
     intensity : array_like
         I [m/s], finite and at least 0.
     half_cycles : array_like
@@ -222,7 +222,7 @@ def critical_slenderness(
     ----------
     block : Block
     restitution : array_like
-        C [-], between 0 and 1.
+        C [-], between 0 and 1; of a one-sided block its magnitude counts.
     intensity : array_like
         I [m/s], finite and at least 0.
     half_cycles : array_like
@@ -309,8 +309,9 @@ def critical_restitution(
     Returns
     -------
     Array, shape (...)
-        C [-]: the block stands with less. 0 where the first pulse just overturns it; NaN where
-        the first pulse is more than that, or the block stands even with C = 1.
+        C [-], of a one-sided block its magnitude: the block stands with less. 0 where the
+        first pulse just overturns it; NaN where the first pulse is more than that, or the
+        block stands even with C = 1.
 
     Raises
     ------

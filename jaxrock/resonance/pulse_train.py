@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from ..block import Block
 from ..host import Printed, Status, format_fields
-from ..impact import read_restitution, velocity_after_impact
+from ..impact import read_restitution, side_after_impact, velocity_after_impact
 from ..numerics import pick_larger
 from ..validation import (
     FINITE,
@@ -164,11 +164,13 @@ def respond_to_train(
     block : Block
         One block.
     restitution : float
-        Its C [-], between 0 and 1.
+        Its C [-], between 0 and 1; of a one-sided block its magnitude counts.
     times : array_like, shape (pulses,)
         Times of the instantaneous pulses [s], finite, at least 0 and not decreasing.
     intensities : array_like, shape (pulses,)
         I of each pulse [m/s], finite. A positive one pushes the block to positive rotations.
+        A negative one pushes a one-sided block towards its wall: at rest it stays there, in
+        motion it is slowed or reversed, and the wall throws it back when it lands.
     model : Linearized or Nonlinear
         In the nonlinear equation a pulse acts ``cos(alpha_c - alpha) / cos(alpha_c)`` times
         stronger on a rotated block than Eq. 2 says.
@@ -220,9 +222,8 @@ def follow_timed_train(rocker: Rocker, times: Reals, intensities: Reals) -> Trai
         now = _rock_freely(rocker, motion, interval)
         flight = rocker.flight_at(now.x, now.since, now.duration)
         peak = pick_larger(now.peak, rocker.rotation(flight))
-        # A block at rest is struck to the side to which the pulse pushes it.
-        side = jnp.where(now.side == 0, jnp.where(intensity < 0, -1, 1), now.side)
-        flight = rocker.apply_pulse(flight, side * intensity / rocker.unit)
+        side, outward = rocker.strike(now.side, intensity)
+        flight = rocker.apply_pulse(flight, outward / rocker.unit)
         x = flight.x
         duration = rocker.duration(x)
         after = now._replace(
@@ -330,7 +331,7 @@ def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMot
             x=x,
             duration=rocker.duration(x),
             since=jnp.zeros_like(x),
-            side=-motion.side,
+            side=side_after_impact(rocker.block.one_sided, motion.side),
             peak=update_peak(motion, motion.duration),
             overturned=x >= 1,
             impacts=motion.impacts + 1,

@@ -139,6 +139,18 @@ class Rocker(NamedTuple):
         q = jnp.sqrt(jnp.maximum((x - 1) * (x + 1), jnp.finfo(x.dtype).eps ** 2))
         return self.model._time_from_ground(self.block, angle, x, q)
 
+    def strike(self, side: Reals, intensity: Reals) -> tuple[Reals, Reals]:
+        """Return the side on which a pulse finds a block, and its outward intensity [m/s].
+
+        A block at rest, on the side 0, is struck to the side to which the pulse pushes it. One
+        that rests against a wall stays there if that is the side of the wall.
+        """
+        rests = side == 0
+        if self.block.one_sided:
+            return jnp.ones_like(side), jnp.where(rests, jnp.maximum(intensity, 0), intensity)
+        side = jnp.where(rests, jnp.where(intensity < 0, -1, 1), side)
+        return side, side * intensity
+
     def apply_pulse(self, flight: Flight, impulse: Reals) -> Flight:
         """Apply an outward pulse, its intensity over `unit`.
 

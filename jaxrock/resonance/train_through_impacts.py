@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ..impact import velocity_after_impact
+from ..impact import side_after_impact, velocity_after_impact
 from ..validation import Booleans, Integers, Reals
 from .pulse_train import Flight, Rocker
 
@@ -203,7 +203,9 @@ def follow_phased_train(
         since = jnp.where(before.q < 0, duration - since, since)
         time = time + passed + since
         delay = since / jnp.where(duration > 0, duration, 1)
-        new = _AfterPulse(after, from_ground, time, jnp.where(impacts % 2 == 1, -side, side))
+        other_side = side_after_impact(rocker.block.one_sided, side)
+        side = jnp.where(impacts % 2 == 1, other_side, side)
+        new = _AfterPulse(after, from_ground, time, side)
         # A pulse that is left out changes nothing, and lacks nothing.
         new = jax.tree.map(lambda new, old: jnp.where(comes, new, old), new, last)
         lacking = jnp.where(comes, lacking, -1)

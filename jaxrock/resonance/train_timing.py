@@ -12,11 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..impact import read_restitution
+from ..impact import read_restitution, require_free_standing
 from ..validation import (
     Booleans,
     Number,
     Reals,
+    check_kind,
     unify_precision,
 )
 from .free_rocking import Linearized, ModelLike, as_model
@@ -55,7 +56,8 @@ def timing_costs(
     Raises
     ------
     ValueError
-        If `restitution` is not between 0 and 1, or `count` less than 2.
+        If `restitution` is not between 0 and 1, `count` less than 2, or the block one-sided:
+        pulses all one way overturn it the sooner the closer they are.
 
     Examples
     --------
@@ -69,6 +71,8 @@ def timing_costs(
     0.568 m/s 0.2 half-cycles after the impacts
     0.577 m/s at the best of equal spacings
     """
+    check_kind("block", block, Block)
+    require_free_standing(block, "the cost of timing")
     restitution = read_restitution(block, restitution)
     block.check()
     if count < 2:

@@ -128,7 +128,7 @@ def worst_train(
     block : Block
         One block.
     restitution : float
-        Its C [-], between 0 and 1.
+        Its C [-], between 0 and 1; of a one-sided block its magnitude counts.
     count : int
         Number of pulses, at least 1.
     goal : str
@@ -161,7 +161,8 @@ def worst_train(
     Notes
     -----
     With one impact between pulses the paper's input comes out: equal pulses right after the
-    impacts, each ``critical_intensity(block, restitution, count)``. The smallest total is a
+    impacts, each ``critical_intensity(block, restitution, count)``. They alternate, and all
+    push a one-sided block away from its wall. The smallest total is a
     single pulse: every impact wastes a part of the energy that came before.
 
     Examples

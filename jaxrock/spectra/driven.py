@@ -29,19 +29,20 @@ from ..grids import (
 )
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, check_pulse_class
 from ..host import add_names
-from ..impact import housner_restitution
+from ..impact import read_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     AT_LEAST_ONE,
     POSITIVE,
-    UNIT_INTERVAL,
     Reals,
+    as_flag,
     as_real,
     carries_unit,
     check,
     check_kind,
     convert_to_si,
 )
+from .restitutions import estimate_restitution, take_magnitudes
 
 if TYPE_CHECKING:
     import xarray
@@ -75,6 +76,7 @@ def rocking_spectrum(
     critical_angle: Values | None = None,
     gravity: float = 9.81,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
     factor: Values | None = None,
     model: ModelLike = Nonlinear(),
     tolerance: float | None = None,
@@ -93,8 +95,9 @@ def rocking_spectrum(
         lambda [-] or alpha_c [rad] of the blocks: one of the two.
     restitution : array_like, optional
         C [-]; by default Housner's of each block, without a dimension of its own.
-    gravity, inertia_ratio : float
-        g [m/s2] and kappa [-] of all blocks; see `Block`.
+    gravity, inertia_ratio, one_sided : float, float, bool
+        g [m/s2], kappa [-] and the wall of all blocks; see `Block`. Of one-sided blocks the
+        restitution is by default `one_sided_restitution`, and along an axis a magnitude.
     factor : array_like, optional
         Factors on the ground motion [-], which add a dimension.
     model : Nonlinear or Linearized, or their names
@@ -142,13 +145,21 @@ def rocking_spectrum(
         if not ((angle > 0) & (angle < 0.5 * math.pi)).all():
             raise ValueError("critical_angle must be between 0 and pi / 2")
         slenderness = 1 / np.tan(angle)
+    if as_flag("one_sided", one_sided) and restitution is not None:
+        restitution = take_magnitudes(restitution)
     values = {"period": period, "slenderness": slenderness, "restitution": restitution}
     values["factor"] = factor
     axes = {name: as_axis(name, given) for name, given in values.items() if given is not None}
     gravity = float(gravity)
     inertia_ratio = float(inertia_ratio)
-    about = {"motion": records[0].name, "gravity": gravity, "inertia_ratio": inertia_ratio}
-    problem = functools.partial(_make_blocks, (*axes,), gravity, inertia_ratio)
+    about: dict[str, str | float] = {
+        "motion": records[0].name,
+        "gravity": gravity,
+        "inertia_ratio": inertia_ratio,
+    }
+    if one_sided:
+        about["one_sided"] = 1
+    problem = functools.partial(_make_blocks, (*axes,), gravity, inertia_ratio, one_sided)
     grid = _make_response_grid(
         "Rocking spectrum", axes, problem, motion, model, tolerance, about
     )
@@ -171,6 +182,7 @@ def _make_blocks(
     names: Sequence[str],
     gravity: float,
     inertia_ratio: float,
+    one_sided: bool,
     motion: Motion | Suite,
     *values: np.ndarray,
 ) -> tuple[Block, Reals, Motion | Suite]:
@@ -179,8 +191,8 @@ def _make_blocks(
     # p^2 = g / (kappa R), with kappa = I / (m R^2).
     half_diagonal = 1 / inertia_ratio * gravity * (at["period"] / (2 * math.pi)) ** 2
     half_width = half_diagonal / np.sqrt(1 + at["slenderness"] ** 2)
-    block = Block(half_width, at["slenderness"], gravity, inertia_ratio)
-    c = at["restitution"] if "restitution" in at else apply_padded(_compute_restitution, block)
+    block = Block(half_width, at["slenderness"], gravity, inertia_ratio, one_sided=one_sided)
+    c = at["restitution"] if "restitution" in at else apply_padded(estimate_restitution, block)
     # A suite wants a factor for each of its records, here the same for all.
     if "factor" in at:
         records = (len(motion),) if isinstance(motion, Suite) else ()
@@ -196,6 +208,7 @@ def overturning_spectrum(
     slenderness: float = 5.0,
     restitution: float | None = None,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
     model: ModelLike = Nonlinear(),
     tolerance: float | None = None,
     chunks: "Chunks | None" = None,
@@ -212,6 +225,9 @@ def overturning_spectrum(
         a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-]: lifts from 1 on.
     slenderness, restitution, inertia_ratio : float
         lambda [-], C [-], Housner's by default, and kappa [-], on which only that depends.
+    one_sided : bool
+        Whether the block stands against a wall, from which a positive acceleration pushes it
+        away. C is then by default the magnitude of `one_sided_restitution`.
     model, tolerance, chunks
         As in `rocking_spectrum`.
 
@@ -236,13 +252,17 @@ def overturning_spectrum(
     given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
     axes = {name: as_axis(name, values) for name, values in given.items()}
     kind = check_pulse_class(shape)
-    block, c, uplift = make_unit_block(slenderness, restitution, inertia_ratio, model)
+    block, c, uplift = make_unit_block(
+        slenderness, restitution, inertia_ratio, one_sided, model
+    )
     scales = (uplift, float(block.frequency_parameter))
-    about = {
+    about: dict[str, str | float] = {
         "motion": kind.name,
         "gravity": float(block.gravity),
         "inertia_ratio": inertia_ratio,
     }
+    if one_sided:
+        about["one_sided"] = 1
     problem = functools.partial(_make_pulses, kind, *scales)
     shared = (block, as_real("restitution", c, unit=""))
     return _make_response_grid(
@@ -263,21 +283,24 @@ def _make_pulses(
 
 
 def make_unit_block(
-    slenderness: float, restitution: float | None, inertia_ratio: float, model: ModelLike
+    slenderness: float,
+    restitution: float | None,
+    inertia_ratio: float,
+    one_sided: bool,
+    model: ModelLike,
 ) -> tuple[Block, float, float]:
     """Make a block of some size, its restitution, and the acceleration that just lifts it.
 
     Ratios to the scales of the block do not depend on its size, so that any size serves.
     """
-    block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
-    c = float(_compute_restitution(block)) if restitution is None else restitution
-    check("restitution", as_real("restitution", c, unit=""), UNIT_INTERVAL)
-    return block, c, float(uplift_acceleration(block, as_model(model)))
-
-
-def _compute_restitution(block: Block) -> np.ndarray | np.floating:
-    """Compute Housner's restitution; 0 for stocky blocks, for which it is negative."""
-    return np.maximum(housner_restitution(block), 0)
+    block = Block(0.2, slenderness, inertia_ratio=inertia_ratio, one_sided=one_sided)
+    c = float(estimate_restitution(block)) if restitution is None else restitution
+    read_restitution(block, c)  # raises for what is not allowed
+    return (
+        block,
+        abs(c) if one_sided else c,
+        float(uplift_acceleration(block, as_model(model))),
+    )
 
 
 def _make_response_grid(

@@ -25,7 +25,7 @@ from ..grids import (
     list_points,
 )
 from ..ground_motion import Harmonic
-from ..impact import housner_restitution
+from ..impact import housner_restitution, require_free_standing
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..steady import HarmonicOrbit, harmonic_orbit
 from ..validation import UNIT_INTERVAL, Reals, as_real, check, check_kind
@@ -191,7 +191,7 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
     Raises
     ------
     ValueError
-        If `block` has another shape than the spectrum is of, or is an array.
+        If `block` has another shape than the spectrum is of, is an array, or one-sided.
 
     Examples
     --------
@@ -202,6 +202,7 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
     [0.85 1.71] Hz, 1.962 m/s2
     """
     check_kind("block", block, Block)
+    require_free_standing(block, "a harmonic spectrum")
     for name in ("slenderness", "inertia_ratio"):
         given = np.asarray(getattr(block, name))
         expected = spectrum.attrs[name]

@@ -47,6 +47,7 @@ def overturning_map(
     slenderness: float = 5.0,
     restitution: float | None = None,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
     resolution: float = 0.01,
     model: ModelLike = Nonlinear(),
     max_boundaries: int | None = None,
@@ -56,7 +57,7 @@ def overturning_map(
 
     Parameters
     ----------
-    shape, frequency_ratio, slenderness, restitution, inertia_ratio, model
+    shape, frequency_ratio, slenderness, restitution, inertia_ratio, one_sided, model
         As in `overturning_spectrum`.
     amplitude_ratios : sequence of two floats
         The range of a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-].
@@ -93,7 +94,9 @@ def overturning_map(
     if max_boundaries is not None and max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {max_boundaries}")
     kind = check_pulse_class(shape)
-    block, c, uplift = make_unit_block(slenderness, restitution, inertia_ratio, model)
+    block, c, uplift = make_unit_block(
+        slenderness, restitution, inertia_ratio, one_sided, model
+    )
     lows_and_highs = (float(amplitude_ratios[0]), float(amplitude_ratios[1]))
     check_range(lows_and_highs, resolution)
     rate = float(block.frequency_parameter)
@@ -123,6 +126,8 @@ def overturning_map(
         "highest_amplitude_ratio": lows_and_highs[1],
         "resolution": resolution,
     }
+    if one_sided:
+        attributes["one_sided"] = 1
     grid = Grid(
         "Overturning map",
         {"frequency_ratio": ratios},

@@ -16,7 +16,8 @@ from ..block import RECTANGLE_INERTIA_RATIO, Block, warn_of_size
 from ..grids import Grid, GridVariable, Values, apply_in_tiles, as_axis, list_points
 from ..host import count_processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
-from ..validation import AT_LEAST_ONE, POSITIVE, as_real, as_text, check
+from ..validation import AT_LEAST_ONE, POSITIVE, as_flag, as_real, as_text, check
+from .restitutions import take_magnitudes
 
 if TYPE_CHECKING:
     import xarray
@@ -64,6 +65,7 @@ def resonance_spectrum(
     tolerance: float = 1e-3,
     gravity: float = 9.81,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
     store: str | Path | None = None,
     devices: Sequence[Any] | None = None,
     chunks: "Chunks | None" = None,
@@ -80,8 +82,9 @@ def resonance_spectrum(
         says.
     tolerance : float
         For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
-    gravity, inertia_ratio : float
-        g [m/s2] and kappa [-] of all blocks; see `Block`.
+    gravity, inertia_ratio, one_sided : float, float, bool
+        g [m/s2], kappa [-] and the wall of all blocks; see `Block`. Along the axis of a
+        one-sided block restitutions are magnitudes.
     store : path, optional
         A NetCDF file that the values go to as they are computed, and that the dataset reads on
         demand: neither has to fit into memory. One that exists is replaced by the whole new
@@ -126,6 +129,8 @@ def resonance_spectrum(
         raise ValueError(
             "devices goes without chunks, which each worker computes with its own"
         )
+    if as_flag("one_sided", one_sided):
+        restitution = take_magnitudes(restitution)
     given = (slenderness, width, restitution, intensity)
     axes = {
         name: as_axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)
@@ -143,13 +148,19 @@ def resonance_spectrum(
     variables["critical_intensity"] = critical._replace(dims=dims[:3])
     numbers = {name: float(value) for name, value in constants.items()}
     attributes = {"model": "auto", **numbers, "gravity_units": "m s-2"}
+    if one_sided:
+        attributes["one_sided"] = 1
     if single:
         attributes["model"] = single.name
-        compute = functools.partial(_compute_by_model, model=single, devices=devices)
+        compute = functools.partial(
+            _compute_by_model, one_sided=one_sided, model=single, devices=devices
+        )
     else:
         attributes["tolerance"] = tolerance
         variables["model"] = GridVariable(dims, np.int8, _MODEL)
-        compute = functools.partial(_compute_by_cheapest, tolerance=tolerance, devices=devices)
+        compute = functools.partial(
+            _compute_by_cheapest, one_sided=one_sided, tolerance=tolerance, devices=devices
+        )
     ranks = {name: len(variable.dims) for name, variable in variables.items()}
     grid = Grid(
         "Resonance spectra of rigid rocking blocks",
@@ -201,27 +212,39 @@ def _compute_chunk(
 
 
 def _compute_by_model(
-    points: np.ndarray, shared: Sequence[Array], model: RockingModel, devices: Devices
+    points: np.ndarray,
+    shared: Sequence[Array],
+    *,
+    one_sided: bool,
+    model: RockingModel,
+    devices: Devices,
 ) -> dict[str, np.ndarray]:
     """Compute all variables at points by one model."""
-    return _compute_at_points(_compute_scene, points, shared, devices, model)
+    return _compute_at_points(_compute_scene, points, shared, one_sided, devices, model)
 
 
 def _compute_by_cheapest(
-    points: np.ndarray, shared: Sequence[Array], tolerance: float, devices: Devices
+    points: np.ndarray,
+    shared: Sequence[Array],
+    *,
+    one_sided: bool,
+    tolerance: float,
+    devices: Devices,
 ) -> dict[str, np.ndarray]:
     """Compute all variables at points, each by the cheapest model, and say by which."""
     limit = as_real("tolerance", tolerance)
-    linear = _compute_at_points(is_linearized_enough, points, shared, devices, limit)
+    given = (shared, one_sided, devices)
+    linear = _compute_at_points(is_linearized_enough, points, *given, limit)
     answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
     for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
         if not mask.any():
             continue
-        for name, values in _compute_by_model(points[:, mask], shared, model, devices).items():
-            answers[name][mask] = values
+        values = _compute_at_points(_compute_scene, points[:, mask], *given, model)
+        for name, part in values.items():
+            answers[name][mask] = part
     # The critical intensity is one number for all intensities of the axis, even if the
     # other variables come from one model at some of them and from the other at the rest.
-    exact = _compute_at_points(_critical_intensity, points, shared, devices, Nonlinear())
+    exact = _compute_at_points(_critical_intensity, points, *given, Nonlinear())
     return answers | {"critical_intensity": exact, "model": ~linear}
 
 
@@ -229,6 +252,7 @@ def _compute_at_points(
     function: Callable[[Scene, _Argument], PyTree],
     points: np.ndarray,
     shared: Sequence[Array],
+    one_sided: bool,
     devices: Devices,
     argument: _Argument,
 ) -> PyTree:
@@ -246,19 +270,20 @@ def _compute_at_points(
             # Each tile by the program for one device: partitioned over
             # several it would be another program, which could round differently.
             given = jax.device_put(given, devices[number % len(devices)])
-        return _apply_to_scenes(given, argument, function=function)
+        return _apply_to_scenes(given, argument, function=function, one_sided=one_sided)
 
     values = np.asarray(points, jnp.result_type(float))
     tile = _TILES[count_processors() > 1] if on_processor else _LARGEST
     return apply_in_tiles(compute_tile, tile, values, workers)
 
 
-@functools.partial(jax.jit, static_argnames="function")
+@functools.partial(jax.jit, static_argnames=("function", "one_sided"))
 def _apply_to_scenes(
     given: tuple[Array, Array, Array],
     argument: _Argument,
     *,
     function: Callable[[Scene, _Argument], PyTree],
+    one_sided: bool,
 ) -> PyTree:
     """Apply a function of a scene and an argument to many scenes, in one program."""
     points, gravity, inertia_ratio = given
@@ -266,7 +291,7 @@ def _apply_to_scenes(
     def apply_to_one(
         slenderness: Array, width: Array, restitution: Array, intensity: Array
     ) -> PyTree:
-        block = Block(width / 2, slenderness, gravity, inertia_ratio)
+        block = Block(width / 2, slenderness, gravity, inertia_ratio, one_sided=one_sided)
         return function(Scene(block, restitution, intensity), argument)
 
     return jax.vmap(apply_to_one)(*points)

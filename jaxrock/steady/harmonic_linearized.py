@@ -19,12 +19,14 @@ determinant C^2. Its trace says the rest of stability.
 
 import abc
 import math
+from typing import cast
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from ..block import Block
 from ..driven import Equation
+from ..impact import require_free_standing
 from ..validation import (
     POSITIVE,
     UNIT_INTERVAL,
@@ -154,7 +156,21 @@ def _compute_trace_terms(c: Reals, w: Reals) -> tuple[Reals, Reals]:
     return from_parts, 0.5 * (1 + c) * jnp.sinh(length)
 
 
-@elementwise(restitution=quantity(UNIT_INTERVAL, ""), frequency=quantity(POSITIVE, "rad/s"))
+def require_two_sides(arguments: dict[str, object]) -> None:
+    """Raise `ValueError` if the block among arguments stands against a wall.
+
+    In half a period it would have to come back to the other side.
+    """
+    require_free_standing(
+        cast("Block", arguments["block"]), "steady rocking on a harmonic floor"
+    )
+
+
+@elementwise(
+    require_two_sides,
+    restitution=quantity(UNIT_INTERVAL, ""),
+    frequency=quantity(POSITIVE, "rad/s"),
+)
 def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the least amplitude of a harmonic floor that keeps the linearized block rocking.
 
@@ -194,7 +210,11 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
     return block.gravity * block.critical_angle * least_amplitude(jnp.asarray(restitution), w)
 
 
-@elementwise(restitution=quantity(UNIT_INTERVAL, ""), frequency=quantity(POSITIVE, "rad/s"))
+@elementwise(
+    require_two_sides,
+    restitution=quantity(UNIT_INTERVAL, ""),
+    frequency=quantity(POSITIVE, "rad/s"),
+)
 def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the amplitude beyond which steady rocking is no longer symmetric.
 

@@ -26,7 +26,12 @@ from ..validation import (
     quantity,
     unify_precision,
 )
-from .harmonic_linearized import HalfPeriodPath, HarmonicScene, solve_linearized
+from .harmonic_linearized import (
+    HalfPeriodPath,
+    HarmonicScene,
+    require_two_sides,
+    solve_linearized,
+)
 from .harmonic_nonlinear import solve_nonlinear
 
 # Orbits for which one step of Newton's method is taken at once: all wait for the slowest
@@ -122,7 +127,8 @@ def harmonic_orbit(
     Raises
     ------
     ValueError
-        If a concrete argument is out of range. A traced one gives NaN.
+        If a concrete argument is out of range, where a traced one gives NaN, or the block is
+        one-sided.
 
     Notes
     -----
@@ -159,6 +165,7 @@ class _Quantities(NamedTuple):
 
 
 @elementwise(
+    require_two_sides,
     restitution=quantity(UNIT_INTERVAL, ""),
     amplitude=quantity(NON_NEGATIVE, "m/s2"),
     frequency=quantity(POSITIVE, "rad/s"),

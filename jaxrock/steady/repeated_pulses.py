@@ -14,6 +14,7 @@ from jaxtyping import ArrayLike
 from ..block import Block
 from ..ground_motion import Pulse
 from ..host import Printed, format_fields
+from ..impact import count_half_cycles
 from ..numerics import (
     ABOVE,
     BELOW,
@@ -55,7 +56,7 @@ class PulsedPhase(Printed, eqx.Module):
     rate : Array
         Slope of the map there: the part of a perturbation that remains after a half-cycle.
     period : Array
-        T*, two half-cycles [s]; NaN where the motion settles.
+        T*, two half-cycles, or one of a one-sided block [s]; NaN where the motion settles.
     peak_rotation, rotation_ratio : Array
         alpha*_max [rad], and over the critical angle.
     stands : Array of bool
@@ -309,7 +310,7 @@ def compute_phase(scene: PulsedScene, model: RockingModel, rtol: float) -> Pulse
     return PulsedPhase(
         velocity=mask_missing(root.root),
         rate=mask_missing(jnp.where(settles, restitution, rate)),
-        period=jnp.where(root.exists, 2 * time, jnp.nan),
+        period=jnp.where(root.exists, count_half_cycles(block) * time, jnp.nan),
         peak_rotation=mask_missing(peak),
         rotation_ratio=mask_missing(peak / block.critical_angle),
         stands=stands,

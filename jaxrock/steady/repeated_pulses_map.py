@@ -55,9 +55,10 @@ def pulsed_next_velocity(
     Parameters
     ----------
     block, restitution : Block, float
-        One block; C [-], between 0 and 1.
+        One block; C [-], between 0 and 1, of a one-sided block its magnitude.
     pulse : Pulse
-        Acts from each impact on, outward.
+        Acts from each impact on, outward: a positive amplitude pushes the block away from the
+        ground, to whichever side it stands on.
     velocity : float
         Angular velocity just before the impact [rad/s], at least 0.
     model : Nonlinear or Linearized, or their names
@@ -70,7 +71,7 @@ def pulsed_next_velocity(
     Array
         Angular velocity just before the next impact [rad/s]; 0 where the block stays at
         rest, NaN where it overturns. From velocity 0 it is at rest until the pulse lifts it,
-        to whichever side.
+        to whichever side; a one-sided block only away from its wall.
 
     Raises
     ------

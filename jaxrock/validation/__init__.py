@@ -33,6 +33,7 @@ from .domains import quantity as quantity
 from .guarding import elementwise as elementwise
 from .guarding import guard_once as guard_once
 from .guarding import replace_invalid as replace_invalid
+from .names import as_flag as as_flag
 from .names import as_name as as_name
 from .names import as_text as as_text
 from .units import carries_unit as carries_unit

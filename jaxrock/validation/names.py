@@ -1,7 +1,9 @@
-"""Names as arguments: plain strings, whatever library they come from."""
+"""Names and flags as arguments: plain ones, whatever library they come from."""
 
 from collections.abc import Iterable
 from typing import Any, TypeVar
+
+import numpy as np
 
 from .arrays import describe
 
@@ -37,3 +39,10 @@ def as_name(
         return name
     choice = ", ".join(names) + (", or None" if or_none else "")
     raise ValueError(f"{argument} must be one of {choice}, got {describe(name)}")
+
+
+def as_flag(argument: str, value: object) -> bool:
+    """Return a flag as a plain `bool`; a `ValueError` for anything but True and False."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{argument} must be True or False, got {describe(value)}")
+    return bool(value)
