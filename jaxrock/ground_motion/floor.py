@@ -327,7 +327,7 @@ def warn_of_coarse_step(motion: FloorMotion, name: str = "") -> None:
     step = math.floor(motion.sufficient_step / unit * (1 + _ROUNDING)) * unit
     record = f" under record {name!r}" if name else ""
     warnings.warn(
-        f"straight lines between samples {float(motion.time_step.max()):g} s apart miss up to"
+        f"straight lines between samples {np.max(np.asarray(motion.time_step)):g} s apart miss up to"
         f" {100 * motion.missed:.2g} % of the peak of the floor{record};"
         f" time_step={step:.2g} would do",
         stacklevel=4,  # past the method, and what Equinox calls it by
