@@ -23,8 +23,10 @@ from ..validation import (
     as_array,
     as_field,
     as_real,
+    carries_unit,
     check,
     choose_namespace,
+    convert_to_si,
     is_traced,
     quantity,
     replace_invalid,
@@ -106,14 +108,19 @@ def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
     """Read a time [s] on which the number of samples depends; None if it is not given."""
     if value is None:
         return None
-    time = as_real(name, value, unit="s")
-    if is_traced(time) or time.ndim:
-        shape = "traced" if is_traced(time) else f"an array of shape {time.shape}"
+    if carries_unit(value):
+        value = convert_to_si(name, value, "s")
+    if is_traced(value) or np.ndim(value):
+        kind = "traced" if is_traced(value) else f"an array of shape {np.shape(value)}"
         raise ValueError(
-            f"{name} must be one number, on which the number of samples depends, got {shape}"
+            f"{name} must be one number, on which the number of samples depends, got {kind}"
         )
+    if not isinstance(value, int | float | np.ndarray | np.generic | jax.Array):
+        as_real(name, value)  # raises, and says what it is
+    # No array of JAX: within a transformation it would be traced.
+    time = float(value)
     check(name, time, domain)
-    return float(time)
+    return time
 
 
 def require_finer_step(floor: Floor, time_step: Reals) -> None:
@@ -201,10 +208,10 @@ def _filter_samples(
         modes = [value[..., None] for value in modes]
     division = _choose_division(time_step, floor.time_step)
     acceleration = _interpolate_samples(acceleration, division)
-    time_step = time_step / division
+    library = choose_namespace((acceleration, time_step, modes))
+    time_step = library.asarray(time_step / division)
     last = acceleration.shape[-1] - 1
     extension = _choose_extension(last, time_step, floor.free_vibration)
-    library = choose_namespace((acceleration, time_step, modes))
     # All of one rank: the leading axes, then the modes, then the samples.
     steps = time_step[..., None]
     shapes = [value.shape for value in (acceleration[..., :1], steps, *modes)]
@@ -326,8 +333,9 @@ def warn_of_coarse_step(motion: FloorMotion, name: str = "") -> None:
     unit = 10.0 ** (math.floor(math.log10(motion.sufficient_step)) - 1)
     step = math.floor(motion.sufficient_step / unit * (1 + _ROUNDING)) * unit
     record = f" under record {name!r}" if name else ""
+    apart = float(np.max(np.asarray(motion.time_step)))
     warnings.warn(
-        f"straight lines between samples {np.max(np.asarray(motion.time_step)):g} s apart miss up to"
+        f"straight lines between samples {apart:g} s apart miss up to"
         f" {100 * motion.missed:.2g} % of the peak of the floor{record};"
         f" time_step={step:.2g} would do",
         stacklevel=4,  # past the method, and what Equinox calls it by

@@ -51,7 +51,7 @@ def bound_not_detected(overturned: AnyArray, rates: AnyArray, directions: int = 
         parts = split_directions(overturned, directions)
         library = choose_namespace((overturned, rates))
         bounds = library.stack([bound_not_detected(part, rates) for part in parts])
-        return bounds.mean(axis=0)
+        return library.asarray(bounds.mean(axis=0))
     library = choose_namespace((overturned, rates))
     windows = estimate_windows(overturned, rates)
     # Without any level alone both are 0, and yet windows may have been missed: up to three,
@@ -93,7 +93,7 @@ def estimate_windows(
         ]
         library = choose_namespace((overturned, rates))
         stacked = [library.stack(values) for values in zip(*parts, strict=True)]
-        return WindowEstimate(*(values.mean(axis=0) for values in stacked))
+        return WindowEstimate(*(library.asarray(values.mean(axis=0)) for values in stacked))
     library = choose_namespace((overturned, rates))
     # Levels alone in their window: the outcome differs from the one before and the one after.
     changed = overturned[..., 1:] != overturned[..., :-1]
