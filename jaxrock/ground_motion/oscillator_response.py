@@ -66,9 +66,10 @@ def _sum_series(x: AnyArray, damping: AnyArray) -> StepCoefficients:
     term = 1 + 0 * x
     impulse = step = ramp = 0 * x
     for order in range(1, _TERMS):
-        impulse = impulse + term / math.factorial(order)
-        step = step + term / math.factorial(order + 1)
-        ramp = ramp + term / math.factorial(order + 2)
+        factorial = float(math.factorial(order))
+        impulse = impulse + term / factorial
+        step = step + term / (factorial * (order + 1))
+        ramp = ramp + term / (factorial * (order + 1) * (order + 2))
         following = -part * decay * term - part * part * square * before
         before = term
         term = following
