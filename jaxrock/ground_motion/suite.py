@@ -22,7 +22,7 @@ from ..validation import (
     check_kind,
     is_traced,
 )
-from .floor import Floor, compute_floor_motion, warn_of_coarse_step
+from .floor import Floor, compute_floor_motion, replace_motion, warn_of_coarse_step
 from .intensity import intensity_measure
 from .record import Record
 from .reversal import find_directions, reverse_record
@@ -320,43 +320,11 @@ class Suite(Printed, eqx.Module):
         warn_of_coarse_step(motions[worst], self.names[worst])
         pairs = zip(self.records, motions, strict=True)
         return Suite(
-            [record.replace_motion(motion) for record, motion in pairs],
+            [replace_motion(record, motion) for record, motion in pairs],
             self.names,
             ground=self,
             floor=floor,
             directions=self.directions,
-        )
-
-    def vary_floor(
-        self, period_factor: Numbers, damping_factor: Numbers
-    ) -> tuple[Record, ...]:
-        """Compute the motions of floors whose periods and dampings are multiplied by factors.
-
-        Parameters
-        ----------
-        period_factor, damping_factor : array_like, shape (floors,)
-            Greater than 0, at least 0 [-].
-
-        Returns
-        -------
-        tuple of Record
-            One for each record, whose samples have an axis of floors.
-
-        Raises
-        ------
-        ValueError
-            If the suite is not on a floor that is known, or a factor is out of range.
-        """
-        if self.ground is None or self.floor is None:
-            raise ValueError(f"suite must be on a floor, got {self}")
-        floors = self.floor.multiply(period_factor, damping_factor)
-        return tuple(
-            record.replace_motion(
-                compute_floor_motion(
-                    record.acceleration, record.vertical, record.time_step, floors
-                )
-            )
-            for record in self.ground.records
         )
 
     def both_directions(self) -> "Suite":
