@@ -13,6 +13,7 @@ from .many_blocks import TOLERANCES as TOLERANCES
 from .many_blocks import Batch as Batch
 from .many_blocks import BatchResponse, EstimatedResponse, respond_batch, respond_within
 from .many_blocks import GroundMotions as GroundMotions
+from .many_blocks import RecordVariants as RecordVariants
 from .many_blocks import check_batch as check_batch
 from .many_blocks import convert_motion as convert_motion
 from .many_blocks import follow_batch as follow_batch

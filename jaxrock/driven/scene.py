@@ -80,8 +80,8 @@ def check_initial_state(block: Block, rotation: Number, velocity: Number) -> Non
     """Raise `ValueError` if a concrete state of a one-sided block is not before its wall."""
     if not block.one_sided or is_traced((rotation, velocity)):
         return
-    states = np.broadcast_arrays(np.asarray(rotation), np.asarray(velocity))
-    behind = ~np.asarray(is_before_wall(*states))
+    states = np.broadcast_arrays(np.atleast_1d(rotation), np.atleast_1d(velocity))
+    behind = ~is_before_wall(*states)
     if behind.any():
         first = [f"{float(part[behind].flat[0]):.6g}" for part in states]
         raise ValueError(

@@ -10,6 +10,7 @@ from .files import (
     read_suite,
 )
 from .files import list_suffixes as list_suffixes
+from .floor import Floor
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
 from .intensity import intensity_measure
@@ -18,12 +19,15 @@ from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
 from .pulses import check_pulse_class as check_pulse_class
 from .record import Record
+from .reversal import average_directions as average_directions
+from .reversal import split_directions as split_directions
 from .still import Still
 from .suite import Suite
 from .suite import require_positive_measures as require_positive_measures
 
 __all__ = [
     "Cosine",
+    "Floor",
     "HalfSine",
     "Harmonic",
     "Motion",

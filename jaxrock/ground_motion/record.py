@@ -22,17 +22,15 @@ from ..validation import (
     is_traced,
     quantity,
 )
+from .floor import Floor, FloorMotion, compute_floor_motion, warn_of_coarse_step
 from .motion import Motion
+from .samples import integrate_samples, interpolate, refuse_times
 from .units import require_unit
 
 # Numbers of samples to which records are padded: the first, else a multiple of the second.
 # Each padded length costs the compilation of a program, each sample only a place in memory.
 _LEAST_LENGTH = 2**14
 _LENGTH_STEP = 2**16
-# So many samples of an acceleration do not rise all the way.
-_RISING = 8
-# Columns of a table: times, three components.
-_FEW = 4
 
 
 class Record(Motion):
@@ -123,7 +121,7 @@ class Record(Motion):
             ("vertical", self.vertical),
         ):
             if samples is not None and samples.ndim == 2 and not is_traced(samples):
-                _refuse_times(name, np.asarray(samples))
+                refuse_times(name, np.asarray(samples))
         for name, value in vars(self).items():
             if value is not None and value.size == 0:
                 raise ValueError(
@@ -162,7 +160,7 @@ class Record(Motion):
         record = self.bucketed()
         return (
             self.scale
-            * _integrate_samples(record.acceleration, record._last_index)
+            * integrate_samples(record.acceleration, record._last_index)
             * self.time_step
         )
 
@@ -180,10 +178,10 @@ class Record(Motion):
         along = position - index
         # The interval is piecewise constant: its derivative is 0, also where it jumps.
         index = jax.lax.stop_gradient(index).astype(int)
-        horizontal = self.scale * _interpolate(self.acceleration, index, along)
+        horizontal = self.scale * interpolate(self.acceleration, index, along)
         if self.vertical is None:
             return horizontal, jnp.zeros_like(horizontal)
-        return horizontal, self.scale * _interpolate(self.vertical, index, along)
+        return horizontal, self.scale * interpolate(self.vertical, index, along)
 
     def knots(self) -> Float[Array, " knots"]:
         """Return the times of the samples [s], padded with the last; see `Motion.knots`."""
@@ -223,6 +221,102 @@ class Record(Motion):
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda record: record.scale, self, self.scale * factor)
 
+    def on_floor(
+        self,
+        period: Numbers = 0.5,
+        damping: Numbers = 0.05,
+        participation: Numbers = 1.0,
+        *,
+        time_step: Number | None = None,
+        free_vibration: Number | None = None,
+    ) -> "Record":
+        """Compute the motion of a floor of a building on the ground of this record.
+
+        The floor moves with the absolute accelerations of linear oscillators, its modes, by
+        their participations; what these lack to 1 moves with the ground.
+
+        Parameters
+        ----------
+        period : array_like
+            Periods of the modes [s], greater than 0.
+        damping : array_like
+            Damping ratios [-], between 0 and 10; 1 is critical.
+        participation : array_like
+            Participation of each mode in the motion of the floor [-]: the modal participation
+            factor times the mode shape there. A single number is that of one mode, and arrays
+            of periods or dampings are then as many floors. Of an array, the last axis is the
+            modes, and the axes before are floors.
+        time_step : float, optional
+            The longest step of the floor's samples [s], at most that of the record, which is
+            divided by a whole number. By default it is that of the record.
+        free_vibration : float, optional
+            How long the floor's record goes on behind the end of this one [s], at least 0. By
+            default until all floors stay below 1/1000 of their peaks, at most as long as this
+            record is, and just as long where a value is traced.
+
+        Returns
+        -------
+        Record
+            Of the same scale and start. Floors are leading axes of its samples, and broadcast
+            with those of this record. The vertical component is the one of the ground.
+
+        Warns
+        -----
+        UserWarning
+            If straight lines between the samples miss more than 3 % of the peak of the floor.
+
+        Raises
+        ------
+        ValueError
+            If a concrete value is out of range, shapes do not broadcast, or `time_step` or
+            `free_vibration` is traced.
+
+        Notes
+        -----
+        The accelerations at the samples are exact (N. C. Nigam and P. C. Jennings, Bull.
+        Seismol. Soc. Am. 59 (1969) 909-922, doi:10.1785/BSSA0590020909): from rest at the first
+        sample, under ground that is linear between samples and at rest from the end on. The
+        floor moves between its samples too, where the record of it is a straight line. Where
+        the ground jumps to rest at the end of this record, the modes feel the jump; the part
+        that moves with the ground, and the vertical component, fall within one step.
+
+        The object does not act back on its floor.
+
+        Examples
+        --------
+        >>> import jaxrock as jr
+        >>> record = jr.example_record()
+        >>> floor = record.on_floor(period=0.5, damping=0.05, participation=1.3)
+        >>> for motion in record, floor:
+        ...     print(f"{jr.ground_motion.intensity_measure(motion, 'pga'):.2f} m/s2")
+        5.01 m/s2
+        10.42 m/s2
+        """
+        if type(self) is not Record:
+            raise ValueError(
+                "a padded record cannot be put on a floor; put the record on it before"
+            )
+        floor = Floor(
+            period,
+            damping,
+            participation,
+            time_step=time_step,
+            free_vibration=free_vibration,
+        )
+        motion = compute_floor_motion(self.acceleration, self.vertical, self.time_step, floor)
+        warn_of_coarse_step(motion)
+        return self.replace_motion(motion)
+
+    def replace_motion(self, motion: FloorMotion) -> "Record":
+        """Replace both components and the time step; what has been computed is not checked."""
+        # A vertical component of None is no leaf, but stays what it is.
+        return eqx.tree_at(
+            lambda record: (record.acceleration, record.vertical, record.time_step),
+            self,
+            (motion.acceleration, motion.vertical, motion.time_step),
+            is_leaf=lambda leaf: leaf is None,
+        )
+
 
 def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
     """Convert the samples of an argument from a unit to an array in m/s2."""
@@ -237,31 +331,6 @@ def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
     # In NumPy: JAX would compile the product for every length. What overflows is refused.
     with np.errstate(over="ignore"):
         return as_field(Record, name, factor * np.asarray(samples))
-
-
-def _refuse_times(name: str, rows: np.ndarray) -> None:
-    """Raise `ValueError` if one of several rows, or of few columns, holds times of samples."""
-    # Times never fall; by few printed digits they may repeat. In any unit, since a factor has
-    # been multiplied to them as well. No ground accelerates ever more.
-    for word, lines in (("row", rows), ("column", rows.T)):
-        # Of columns there are few: many are samples of as many records.
-        if lines.shape[1] < _RISING or (word == "column" and len(lines) > _FEW):
-            continue
-        rises = (np.diff(lines, axis=1) >= 0).all(axis=1) & (lines[:, -1] > lines[:, 0])
-        if rises.any() and not rises.all():
-            raise ValueError(
-                f"{name} must be samples along the last axis, got an array of shape"
-                f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} are times by their rise;"
-                f" pass the {word}s of accelerations alone, as rows"
-            )
-
-
-@jax.jit
-def _integrate_samples(samples: Reals, last: int | Reals) -> Reals:
-    """Integrate samples up to the `last` one by the trapezoidal rule, over the time step."""
-    # The padding adds nothing to the sum.
-    at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
-    return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
 
 
 class PaddedRecord(Record):
@@ -307,23 +376,3 @@ def pad_samples(samples: ArrayLike, room: int) -> np.ndarray:
     """Pad the last axis of samples with zeros, up to a length."""
     samples = np.asarray(samples)
     return np.pad(samples, [(0, 0)] * (samples.ndim - 1) + [(0, room - samples.shape[-1])])
-
-
-def _interpolate(samples: Reals, index: Array, along: Reals) -> Reals:
-    """Interpolate in the last axis linearly; leading axes broadcast with those of `index`."""
-    if samples.ndim == 1:
-        # Both samples in one piece, which XLA fuses into what follows.
-        shape = index.shape
-        slices = jax.vmap(lambda start: jax.lax.dynamic_slice(samples, (start,), (2,)))
-        left, right = slices(index.reshape(-1)).T.reshape(2, *shape)
-        return (1 - along) * left + along * right
-    shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
-    samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))
-    index = jnp.broadcast_to(index, shape)[..., None]
-    # The index has been clipped: without the mode, JAX would check it once more.
-    left, right = (
-        jnp.take_along_axis(samples, at, axis=-1, mode="promise_in_bounds")[..., 0]
-        for at in (index, index + 1)
-    )
-    # Exact at both ends, unlike left + along * (right - left).
-    return (1 - along) * left + along * right

@@ -1,7 +1,7 @@
 """Suites: several records, of any lengths and time steps, as one argument."""
 
 from collections.abc import Iterator, Sequence
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import equinox as eqx
 import jax
@@ -19,12 +19,14 @@ from ..validation import (
     as_real,
     as_text,
     check,
-    describe,
+    check_kind,
     is_traced,
 )
-from .drift import warn_of_drifts
+from .floor import Floor, compute_floor_motion, warn_of_coarse_step
 from .intensity import intensity_measure
 from .record import Record
+from .reversal import find_directions, reverse_record
+from .suite_checks import check_measures, check_names, check_records, describe_samples
 
 
 class Suite(Printed, eqx.Module):
@@ -39,12 +41,21 @@ class Suite(Printed, eqx.Module):
         At least one, each with one-dimensional samples and scales of one common shape.
     names : sequence of str, optional
         Different from each other; by default ``"1"``, ``"2"`` and so on.
+    ground : Suite, optional
+        The ground below records that are motions of a floor, record by record, as `on_floor`
+        gives it. Intensities are then those of the ground.
+    floor : Floor, optional
+        What made the records of those of the ground.
+    directions : {1, 2}
+        2 if the second half of the records is the first one in reverse, as `both_directions`
+        gives it. The two directions of a record count as one record wherever the number of
+        independent records matters.
 
     Raises
     ------
     ValueError
-        If there is no record, if one is an array of them, if scales differ in shape, or if the
-        names are not one different word for each.
+        If there is no record, if one is an array of them, if scales differ in shape, if the
+        names are not one different word for each, or if the ground has other numbers.
 
     Examples
     --------
@@ -58,72 +69,60 @@ class Suite(Printed, eqx.Module):
 
     records: tuple[Record, ...]
     names: tuple[str, ...] = eqx.field(static=True)
+    ground: "Suite | None"
+    floor: Floor | None
+    directions: int = eqx.field(static=True)
 
     # For messages, as in `check_kind`.
     _reader: ClassVar[str] = "read_suite"
     _element: ClassVar[type[Record]] = Record
 
-    def __init__(self, records: Sequence[Record], names: Sequence[str] | None = None):
-        if isinstance(records, Record) or not isinstance(records, Sequence):
-            raise ValueError(f"records must be a list of records, got {describe(records)}")
-        if not records:
-            raise ValueError("records must be at least one record, got none")
-        self.records = tuple(records)
-        # A string is a sequence of strings as well, of its letters.
-        if isinstance(names, str):
-            raise ValueError(f"names must be a list of names, got {names!r}")
-        if names is None:
-            names = [str(number) for number in range(1, len(records) + 1)]
-        self.names = tuple(map(as_text, names))
-        for k, record in enumerate(self.records):
-            if not isinstance(record, Record):
+    def __init__(
+        self,
+        records: Sequence[Record],
+        names: Sequence[str] | None = None,
+        *,
+        ground: "Suite | None" = None,
+        floor: Floor | None = None,
+        directions: int = 1,
+    ):
+        self.records = check_records(records)
+        self.names = check_names(names, len(self.records))
+        if directions not in (1, 2) or len(self.records) % directions:
+            raise ValueError(
+                "directions must be 1, or 2 for records and as many in reverse, got"
+                f" {directions!r:.60} for {len(self.records)} records"
+            )
+        if ground is not None:
+            check_kind("ground", ground, Suite)
+            numbers = (len(ground), np.shape(ground.records[0].scale), ground.directions)
+            expected = (len(self.records), np.shape(self.records[0].scale), directions)
+            if numbers != expected or ground.ground is not None:
                 raise ValueError(
-                    f"records must be records, got a {type(record).__name__} as number {k + 1}"
+                    "ground must be a suite on the ground, of as many records, scales and"
+                    f" directions as the one on the floor, got {ground}"
                 )
-            samples = (record.acceleration, record.vertical)
-            if any(np.ndim(component) > 1 for component in jax.tree.leaves(samples)):
-                raise ValueError(
-                    f"records must be single ones, number {k + 1} is an array of them"
-                )
-            if np.shape(record.time_step) or np.shape(record.start):
-                raise ValueError(
-                    f"records must have one time step and start, not number {k + 1}"
-                )
-            shape = np.shape(record.scale)
-            first = np.shape(self.records[0].scale)
-            if shape != first:
-                differs = f"got {first} and, in number {k + 1}, {shape}"
-                raise ValueError(f"records must have scales of one shape, {differs}")
-        not_text = [name for name in self.names if not isinstance(name, str)]
-        if not_text:
-            raise ValueError(f"names must be words, got {not_text[0]!r}")
-        if len(self.names) != len(self.records):
-            counts = f"got {len(self.names)} names of {len(self.records)} records"
-            raise ValueError(f"names must be as many as records, {counts}")
-        twice = [name for k, name in enumerate(self.names) if name in self.names[:k]]
-        if twice:
-            raise ValueError(f"names must differ from each other, got {twice[0]!r} twice")
+        if floor is not None and ground is None:
+            raise ValueError("ground must be given with a floor")
+        self.ground = ground
+        self.floor = floor
+        self.directions = int(directions)
 
     def __str__(self) -> str:
-        samples, steps = (
-            sorted({number(record) for record in self.records})
-            for number in (
-                lambda record: record.samples,
-                lambda record: float(record.time_step),
-            )
+        ways = " in both directions" * (self.directions == 2)
+        words = (
+            f"suite of {self.recordings} record{'s' * (self.recordings > 1)}{ways} of"
+            f" {describe_samples(self.records)}"
         )
+        if self.ground is None:
+            return words
+        floor = "floors" if self.floor is None else f"a {self.floor}"
+        return f"{words}, on {floor}; intensities are those of the ground"
 
-        def format_range(values: list[int] | list[float]) -> str:
-            """Write the smallest and the largest of sorted values, or the only one."""
-            words = [
-                f"{value:,}" if value == int(value) else f"{value:.4g}" for value in values
-            ]
-            return words[0] if len(words) == 1 else f"{words[0]} to {words[-1]}"
-
-        return (
-            f"suite of {len(self)} record{'s' * (len(self) > 1)} of {format_range(samples)}"
-            f" samples, {format_range(steps)} s apart"
-        )
+    @property
+    def recordings(self) -> int:
+        """Number of records, both directions of which count as one [-]."""
+        return len(self.records) // self.directions
 
     def __len__(self) -> int:
         return len(self.records)
@@ -132,9 +131,19 @@ class Suite(Printed, eqx.Module):
         return iter(self.records)
 
     def __getitem__(self, which: "int | str | slice") -> "Record | Suite":
-        """Select one record, by its number from 0 on or its name, or a part of the suite."""
+        """Select one record, by its number from 0 on or its name, or a part of the suite.
+
+        A part of a suite in both directions has both of each of its records, or one.
+        """
         if isinstance(which, slice):
-            return Suite(self.records[which], self.names[which])
+            ground = None if self.ground is None else self.ground[which]
+            return Suite(
+                self.records[which],
+                self.names[which],
+                ground=cast("Suite | None", ground),
+                floor=self.floor,
+                directions=find_directions(which, self.recordings, self.directions),
+            )
         which = as_text(which)
         if isinstance(which, str):
             if which not in self.names:
@@ -144,6 +153,8 @@ class Suite(Printed, eqx.Module):
 
     def measure(self, measure: str, block: Block | None = None) -> Reals:
         """Measure the intensity of each record, as it is scaled now.
+
+        Of a suite on a floor, that of the ground: a hazard is one of the ground.
 
         Parameters
         ----------
@@ -160,7 +171,8 @@ class Suite(Printed, eqx.Module):
         ValueError
             If there is no such measure, or a ratio is asked for without a block.
         """
-        measures = [intensity_measure(record, measure, block) for record in self.records]
+        records = self.records if self.ground is None else self.ground.records
+        measures = [intensity_measure(record, measure, block) for record in records]
         if is_traced(measures):
             return jnp.stack(measures)
         # `jnp.stack` would compile a program for each number of records.
@@ -168,6 +180,9 @@ class Suite(Printed, eqx.Module):
 
     def factors(self, levels: Numbers, measure: str, block: Block | None = None) -> Reals:
         """Compute the factors that bring each record to levels of an intensity measure.
+
+        Of a suite on a floor, those that bring the ground to the levels. A floor is linear:
+        scaling its motion or the ground is the same.
 
         Parameters
         ----------
@@ -201,7 +216,7 @@ class Suite(Printed, eqx.Module):
         )
 
     def scaled(self, factors: Number) -> "Suite":
-        """Scale the records.
+        """Scale the records, and the ground below them.
 
         Parameters
         ----------
@@ -235,7 +250,145 @@ class Suite(Printed, eqx.Module):
             record.scaled(factor)
             for record, factor in zip(self.records, record_factors, strict=True)
         ]
-        return Suite(scaled, self.names)
+        return Suite(
+            scaled,
+            self.names,
+            ground=None if self.ground is None else self.ground.scaled(factors),
+            floor=self.floor,
+            directions=self.directions,
+        )
+
+    def on_floor(
+        self,
+        period: Numbers = 0.5,
+        damping: Numbers = 0.05,
+        participation: Numbers = 1.0,
+        *,
+        time_step: Number | None = None,
+        free_vibration: Number | None = None,
+    ) -> "Suite":
+        """Compute the motions of a floor on the ground of each record; see `Record.on_floor`.
+
+        Parameters
+        ----------
+        period, damping, participation
+            As in `Record.on_floor`, of a single floor.
+        time_step, free_vibration : float, optional
+            As in `Record.on_floor`. A record with a finer step keeps it.
+
+        Returns
+        -------
+        Suite
+            With `ground`, this suite: its intensities are still those of the ground, to which
+            hazards and levels belong.
+
+        Warns
+        -----
+        UserWarning
+            As `Record.on_floor`, of the record for which it is worst.
+
+        Raises
+        ------
+        ValueError
+            As in `Record.on_floor`, or if there are several floors, or the suite is on one.
+
+        Examples
+        --------
+        >>> import jaxrock as jr
+        >>> suite = jr.example_suite()[:2].on_floor(period=0.4, damping=0.05)
+        >>> print(suite.measure("pga"), suite.ground.measure("pga"))
+        """
+        if self.ground is not None:
+            raise ValueError(f"suite must be on the ground to be put on a floor, got {self}")
+        floor = Floor(
+            period,
+            damping,
+            participation,
+            time_step=time_step,
+            free_vibration=free_vibration,
+        )
+        if floor.shape:
+            raise ValueError(
+                "period, damping and participation must be those of one floor, got arrays of"
+                f" {floor.shape} floors"
+            )
+        motions = [
+            compute_floor_motion(record.acceleration, record.vertical, record.time_step, floor)
+            for record in self.records
+        ]
+        worst = max(range(len(motions)), key=lambda k: motions[k].missed)
+        warn_of_coarse_step(motions[worst], self.names[worst])
+        pairs = zip(self.records, motions, strict=True)
+        return Suite(
+            [record.replace_motion(motion) for record, motion in pairs],
+            self.names,
+            ground=self,
+            floor=floor,
+            directions=self.directions,
+        )
+
+    def vary_floor(
+        self, period_factor: Numbers, damping_factor: Numbers
+    ) -> tuple[Record, ...]:
+        """Compute the motions of floors whose periods and dampings are multiplied by factors.
+
+        Parameters
+        ----------
+        period_factor, damping_factor : array_like, shape (floors,)
+            Greater than 0, at least 0 [-].
+
+        Returns
+        -------
+        tuple of Record
+            One for each record, whose samples have an axis of floors.
+
+        Raises
+        ------
+        ValueError
+            If the suite is not on a floor that is known, or a factor is out of range.
+        """
+        if self.ground is None or self.floor is None:
+            raise ValueError(f"suite must be on a floor, got {self}")
+        floors = self.floor.multiply(period_factor, damping_factor)
+        return tuple(
+            record.replace_motion(
+                compute_floor_motion(
+                    record.acceleration, record.vertical, record.time_step, floors
+                )
+            )
+            for record in self.ground.records
+        )
+
+    def both_directions(self) -> "Suite":
+        """Add the reverse of each record: its horizontal acceleration in the other direction.
+
+        For blocks that are one-sided. The two directions of a record are not independent:
+        fragility curves and rates treat a record by the mean of both.
+
+        Returns
+        -------
+        Suite
+            First all records as they are, then all reversed, named ``"x"`` and ``"x reversed"``.
+
+        Raises
+        ------
+        ValueError
+            If the suite is in both directions already.
+
+        Examples
+        --------
+        >>> import jaxrock as jr
+        >>> print(jr.example_suite().both_directions())
+        """
+        if self.directions == 2:
+            raise ValueError(f"suite must be in one direction, got {self}")
+        return Suite(
+            [*self.records, *map(reverse_record, self.records)],
+            [*self.names, *(f"{name} reversed" for name in self.names)],
+            ground=None if self.ground is None else self.ground.both_directions(),
+            floor=self.floor,
+            directions=2,
+        )
 
 
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
@@ -245,12 +398,6 @@ def require_positive_measures(suite: Suite, measure: str, block: Block | None = 
     """
     measures = suite.measure(measure, block)
     if not is_traced(measures):
-        if as_text(measure).startswith("pgv"):
-            warn_of_drifts(suite.names, suite.records)
-        for name, value in zip(suite.names, np.asarray(measures), strict=True):
-            if not (value > 0).all():
-                raise ValueError(
-                    f"every record must have a {as_text(measure)} greater than 0 to be scaled,"
-                    f" got {value.min():.9g} for {name!r}"
-                )
+        ground = suite if suite.ground is None else suite.ground
+        check_measures(np.asarray(measures), as_text(measure), ground.names, ground.records)
     return measures

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..grids import DataType
+from ..ground_motion import Suite
 from ..host import add_names
 from .clopper_pearson import bound_probabilities
 from .lognormal import LognormalFit, fit_lognormal
@@ -25,6 +26,16 @@ def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
         "long_name": long_name,
         "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1"),
     }
+
+
+def describe_suite(suite: Suite) -> dict[str, object]:
+    """Make the attributes of a dataset about directions of the records, and their floor."""
+    attributes = {}
+    if suite.directions > 1:
+        attributes["directions"] = suite.directions
+    if suite.ground is not None:
+        attributes["floor"] = "given by records" if suite.floor is None else str(suite.floor)
+    return attributes
 
 
 # Dimensions beside object and threshold, type, and long name of the variables of a curve. The
@@ -69,8 +80,11 @@ def add_curves(
     thresholds: Sequence[Threshold],
     names: Sequence[str],
     confidence: float,
+    directions: int,
 ) -> "xarray.Dataset":
     """Put fragility curves over the level before the responses that they are counted from.
+
+    Both `directions` of a record count as one record, by their mean.
 
     The responses may have dimensions of objects and of samples as well. The curves are lazy if
     the responses are.
@@ -83,6 +97,8 @@ def add_curves(
     )
     exceeded = (responses.rotation_ratio > limits) | (responses.overturned > 0)
     counts = exceeded.sum("record")
+    if directions > 1:
+        counts = counts / directions
     if "sample" in counts.dims:
         variables = _VARIABLES | _PARTS_OF_DISPERSION
     else:
@@ -98,7 +114,7 @@ def add_curves(
         counts,
         kwargs={
             "levels": responses.level.values,
-            "records": responses.sizes["record"],
+            "records": responses.sizes["record"] // directions,
             "confidence": confidence,
             "dtypes": dict(zip(variables, dtypes, strict=True)),
         },

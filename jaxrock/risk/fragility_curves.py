@@ -27,7 +27,14 @@ from ..validation import (
     check_increasing,
     check_kind,
 )
-from .exceedance import NAMED_THRESHOLDS, Threshold, add_curves, describe_variable
+from .exceedance import (
+    NAMED_THRESHOLDS,
+    Threshold,
+    add_curves,
+    describe_suite,
+    describe_variable,
+)
+from .floor_samples import vary_motions
 from .objects import Objects, gather_objects
 from .site import require_single_scales
 
@@ -85,7 +92,8 @@ def fragility(
         ``"overturning"``, which exceeds every ratio as well.
     uncertain : Uncertain, optional
         Coefficients of variation of sizes, of the ``inertia_ratio``, ``gravity`` and
-        ``restitution``, and the samples to draw. Records, levels and blocks share the samples.
+        ``restitution``, of ``floor_period`` and ``floor_damping`` under a suite on a floor, and
+        the samples to draw. Records, levels and blocks share the samples.
     tolerance : float
         Relative error of peak rotations; see `respond_within`.
     confidence : float
@@ -106,7 +114,8 @@ def fragility(
         - Over level and threshold: ``exceedance``, the probability of exceedance, counted over
           the records, with its Clopper-Pearson interval ``exceedance_low`` to
           ``exceedance_high``; ``lognormal``, the maximum-likelihood lognormal fragility curve.
-          Both assume independent records.
+          Both assume independent records, and take the mean of both directions of a record
+          where the suite has both.
         - Over threshold: ``lognormal_median``, ``lognormal_dispersion``, and a ``remark``,
           which says where the curve does not fit: overturning is not monotone in the level.
         - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
@@ -163,7 +172,8 @@ def fragility(
         "model": model.name,
         **_describe_objects(objects, uncertain),
         "measure": measure,
-        "records": len(suite),
+        "records": suite.recordings,
+        **describe_suite(suite),
         "tolerance": tolerance,
         "confidence": confidence,
     }
@@ -182,7 +192,7 @@ def fragility(
     if objects.shape:
         labels["object"] = (objects.names, "object")
     responses = add_names(grid.build_dataset(chunks), **labels)
-    return add_curves(responses, thresholds, threshold_names, confidence)
+    return add_curves(responses, thresholds, threshold_names, confidence, suite.directions)
 
 
 def _choose_levels(block: Block, measure: str) -> np.ndarray:
@@ -254,8 +264,11 @@ def _gather_input(
 ) -> _SimulationInput:
     """Gather the parameters of all objects, samples and records."""
     parameters = (objects.block, objects.restitution)
+    floors = None
     if uncertain is not None:
-        parameters = uncertain.draw(*parameters)[:2]
+        draws = uncertain.draw(*parameters, on_floor=suite.floor is not None)
+        parameters = (draws.block, draws.restitution)
+        floors = jax.tree.map(lambda leaf: leaf.reshape(objects.number, -1), draws.floor)
     # Samples are drawn in float64, and simulated in the precision of their medians.
     dtype = objects.restitution.dtype
     block, restitution = jax.tree.map(
@@ -264,7 +277,7 @@ def _gather_input(
     flat = jax.tree.map(np.ravel, block)
     angles = apply_padded(lambda padded: padded.critical_angle, flat)
     return _SimulationInput(
-        Batch.of(block, restitution, suite),
+        Batch.of(block, restitution, vary_motions(suite, floors)),
         np.broadcast_to(strengths.reshape(len(suite), -1), (len(suite), objects.number)),
         angles.reshape(objects.number, -1),
         {"object": objects.names, "record": suite.names},

@@ -66,8 +66,9 @@ class Inventory(Printed, eqx.Module):
     ):
         objects = gather_objects(block, as_real("restitution", restitution, unit=""), names)
         if uncertain is not None:
-            # What cannot be drawn is refused here, before anything is computed.
-            uncertain.draw(objects.block, objects.restitution)
+            # What cannot be drawn is refused here, before anything is computed. Whether the
+            # objects are on a floor is known to a site.
+            uncertain.draw(objects.block, objects.restitution, on_floor=True)
         remarks = [""] * objects.number if remarks is None else remarks
         if len(remarks) != objects.number:
             raise ValueError(

@@ -11,9 +11,10 @@ from ..ground_motion import MEASURES
 from ..host import add_names, make_dataset
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..sensitivity import FloorFactors
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
 from .clopper_pearson import bound_probabilities
-from .exceedance import describe_variable
+from .exceedance import describe_suite, describe_variable
 from .hazard import Hazard, compute_return_periods
 from .inventory import Inventory
 from .lognormal import fit_lognormal
@@ -212,26 +213,39 @@ def _simulate_objects(
     objects = inventory.objects
     number = objects.number
     rows = [(objects.block, objects.restitution)]
+    floors = None
     owners = [np.arange(number)]
     uncertain = inventory.uncertain
     if uncertain is not None:
-        draws = uncertain.draw(objects.block, objects.restitution)
+        has_floor = site.suite.floor is not None
+        draws = uncertain.draw(objects.block, objects.restitution, on_floor=has_floor)
         # An object of which nothing is uncertain has no samples: its median is all.
         has_samples = np.ptp(draws.restitution, axis=-1) > 0
-        for leaf in jax.tree.leaves(draws.block):
+        for leaf in jax.tree.leaves((draws.block, draws.floor)):
             has_samples |= np.ptp(leaf, axis=-1) > 0
         drawn = jax.tree.map(
             lambda leaf: leaf[has_samples].reshape(-1), (draws.block, draws.restitution)
         )
         rows.append(drawn)
+        if draws.floor is not None:
+            ones = np.ones(number)
+            floors = FloorFactors(
+                *(
+                    np.concatenate([ones, part[has_samples].reshape(-1)])
+                    for part in draws.floor
+                )
+            )
         owners.append(np.repeat(np.flatnonzero(has_samples), uncertain.samples))
     block, restitution = jax.tree.map(lambda *leaves: np.concatenate(leaves), *rows)
     owner = np.concatenate(owners)
     cases, overturned, rates = simulate_samples(
-        objects, block, restitution, site, model, _ACCURACY
+        objects, block, restitution, site, model, _ACCURACY, floors
     )
     levels = np.asarray(site.levels)
     at_reported = tabulate_outcomes(cases, reported)
+    # The directions of a record count as one record, by their mean.
+    directions = site.suite.directions
+    recordings = site.suite.recordings
     separate = []
     remarks = []
     for k in range(number):
@@ -241,15 +255,15 @@ def _simulate_objects(
         outcomes = overturned[:, samples]
         means = average_samples(rates.contributions[:, samples], outcomes, site)
         # A record counts by the fraction of its samples.
-        fractions = outcomes.mean(axis=1).sum(axis=0)
-        fit = fit_lognormal(levels, fractions, cases.records)
-        counts = at_reported[:, samples].mean(axis=1).sum(axis=0)
-        low, high = bound_probabilities(counts, cases.records, _CONFIDENCE)
+        fractions = outcomes.mean(axis=1).sum(axis=0) / directions
+        fit = fit_lognormal(levels, fractions, recordings)
+        counts = at_reported[:, samples].mean(axis=1).sum(axis=0) / directions
+        low, high = bound_probabilities(counts, recordings, _CONFIDENCE)
         separate.append(
             {
                 "median": fit.median,
                 "dispersion": fit.dispersion,
-                "probability": counts / cases.records,
+                "probability": counts / recordings,
                 "probability_low": low,
                 "probability_high": high,
                 "rate": means.rate,
@@ -319,7 +333,8 @@ def _make_dataset(
         {
             "measure": site.measure,
             "target": float(target),
-            "record_count": len(site.suite),
+            "record_count": site.suite.recordings,
+            **describe_suite(site.suite),
             "hazard_curve": str(site.hazard),
             "model": model.name,
             "simulated_levels": site.levels.size,

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from ..ground_motion import split_directions
 from ..validation import AnyArray, choose_namespace
 
 # The rule of three: where none was detected, a Poisson variable has a mean of at most
@@ -26,7 +27,7 @@ _RULE_OF_THREE = 3
 #
 # A window that was missed changes the rate by its width, up or down. The sum of the widths is
 # thus a bound of the change, in which no signs cancel.
-def bound_not_detected(overturned: AnyArray, rates: AnyArray) -> AnyArray:
+def bound_not_detected(overturned: AnyArray, rates: AnyArray, directions: int = 1) -> AnyArray:
     """Bound the change of rates by windows that no level hits, and beyond the last level.
 
     After Good (1953, doi:10.1093/biomet/40.3-4.237) and Good and Toulmin (1956,
@@ -37,12 +38,18 @@ def bound_not_detected(overturned: AnyArray, rates: AnyArray) -> AnyArray:
     overturned : Array of bool, shape (records, ..., levels)
     rates : Array, shape (levels,)
         The hazard at the levels [1/yr].
+    directions : int
+        In which the suite has each record. The bound is the mean of those of the directions,
+        which may have the same windows and do not count as more records.
 
     Returns
     -------
     Array, shape (...)
         Upper bound (95 %) of the change of the mean over the records [1/yr].
     """
+    if directions > 1:
+        parts = split_directions(overturned, directions)
+        return sum(bound_not_detected(part, rates) for part in parts) / directions
     library = choose_namespace((overturned, rates))
     windows = estimate_windows(overturned, rates)
     # Without any level alone both are 0, and yet windows may have been missed: up to three,
@@ -74,8 +81,17 @@ class WindowEstimate(NamedTuple):
     deviation: AnyArray
 
 
-def estimate_windows(overturned: AnyArray, rates: AnyArray) -> WindowEstimate:
+def estimate_windows(
+    overturned: AnyArray, rates: AnyArray, directions: int = 1
+) -> WindowEstimate:
     """Estimate the width of windows that exactly one level hits; see `bound_not_detected`."""
+    if directions > 1:
+        parts = [
+            estimate_windows(part, rates) for part in split_directions(overturned, directions)
+        ]
+        return WindowEstimate(
+            *(sum(values) / directions for values in zip(*parts, strict=True))
+        )
     library = choose_namespace((overturned, rates))
     # Levels alone in their window: the outcome differs from the one before and the one after.
     changed = overturned[..., 1:] != overturned[..., :-1]

@@ -14,7 +14,9 @@ from ..driven import Batch, follow_batch, require_complete
 from ..host import show_progress
 from ..numerics import compute_middle
 from ..resonance import RockingModel
+from ..sensitivity import FloorFactors
 from ..validation import AnyArray
+from .floor_samples import vary_motions
 from .objects import Objects
 from .site import Site
 
@@ -47,9 +49,19 @@ class Cases(NamedTuple):
     names: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, objects: Objects, site: Site, model: RockingModel) -> "Cases":
-        """Make the cases of objects, or of the samples of objects, along one axis."""
-        batch = Batch.of(*_list_along_axis(objects), site.suite, axes=1)
+    def of(
+        cls,
+        objects: Objects,
+        site: Site,
+        model: RockingModel,
+        floors: FloorFactors | None = None,
+    ) -> "Cases":
+        """Make the cases of objects, or of the samples of objects, along one axis.
+
+        The floor may differ from sample to sample.
+        """
+        motions = vary_motions(site.suite, floors)
+        batch = Batch.of(*_list_along_axis(objects), motions, axes=1)
         intensities = np.asarray(site.intensities, batch.dtype)[:, None]
         return cls(site, model, batch.scaled(1 / intensities), objects.names)
 

@@ -59,6 +59,8 @@ class OverturningRate(Printed, eqx.Module):
         Whether each record overturns the block at the lowest level.
     records : tuple of str
         Names of the records.
+    directions : int
+        2 if these are in both directions, of which each record has the mean.
     """
 
     rate: Reals
@@ -70,6 +72,7 @@ class OverturningRate(Printed, eqx.Module):
     sample_rates: Reals | None
     overturns_first: Booleans
     records: tuple[str, ...] = eqx.field(static=True)
+    directions: int = eqx.field(static=True)
 
     def __str__(self) -> str:
         if np.ndim(self.rate):
@@ -81,7 +84,9 @@ class OverturningRate(Printed, eqx.Module):
             period = f", about once in {float(f'{1 / float(self.rate):.2g}'):,.0f} years"
         lines = [f"overturns at a rate of {rate}{period}"]
         error = format_number(self.standard_error, "1/yr")
-        lines.append(f"standard error {error} from {len(self.records)} records")
+        records = f"{len(self.records) // self.directions} records"
+        ways = " in both directions" * (self.directions == 2)
+        lines.append(f"standard error {error} from {records}{ways}")
         bound = format_number(self.not_detected, "1/yr")
         changes = f"missed windows and levels beyond the last change it by {bound}"
         lines.append(f"{changes} at most (95 %)")
@@ -142,8 +147,9 @@ def overturning_rate(
         C [-], between 0 and 1; one, or one for each block.
     site : Site
     uncertain : Uncertain, optional
-        Uncertain parameters. The rate is then the mean over samples as well, and has no
-        derivatives.
+        Uncertain parameters of the block, the restitution and, under a suite on a floor, the
+        ``floor_period`` and ``floor_damping``. The rate is then the mean over samples as well,
+        and has no derivatives.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     max_boundaries : int
@@ -175,7 +181,8 @@ def overturning_rate(
     doi:10.1093/biomet/43.1-2.45). The bound adds two standard deviations and, by the rule of
     three, three windows of the widest step at which an outcome changes; of samples it is the
     mean. Windows at much lower levels than any change of outcome are not covered. The standard
-    error assumes independent records.
+    error assumes independent records. Under a suite in both directions the mean of both is the
+    one of a record, and the bound is the mean of the bounds of the directions.
 
     Examples
     --------
@@ -199,7 +206,11 @@ def overturning_rate(
     boundaries = find_boundaries_at_site(block, restitution, site, model, max_boundaries)
     sums = _sum_boundaries(boundaries, site)
     return OverturningRate(
-        **sums._asdict(), boundaries=boundaries, sample_rates=None, records=site.suite.names
+        **sums._asdict(),
+        boundaries=boundaries,
+        sample_rates=None,
+        records=site.suite.names,
+        directions=site.suite.directions,
     )
 
 
@@ -243,13 +254,20 @@ def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
         edges, rates, levels = jax.tree.map(np.asarray, (edges, site.rates, site.levels))
         # A hazard need not be defined at NaN, where there is no boundary.
         value = np.where(np.isfinite(edges.value), edges.value, levels[0])
-        return jax.device_put(_sum_edges(edges, site.exceed(value), rates, levels))
+        sums = _sum_edges(edges, site.exceed(value), rates, levels, site.suite.directions)
+        return jax.device_put(sums)
     value = jnp.where(jnp.isfinite(edges.value), edges.value, site.levels[0])
-    return _sum_traced(edges, site.hazard(value), site.rates, site.levels)
+    return _sum_traced(
+        edges, site.hazard(value), site.rates, site.levels, site.suite.directions
+    )
 
 
 def _sum_edges(
-    edges: _RateEdges, at_edges: AnyArray, rates: AnyArray, levels: AnyArray
+    edges: _RateEdges,
+    at_edges: AnyArray,
+    rates: AnyArray,
+    levels: AnyArray,
+    directions: int,
 ) -> _Sums:
     """Sum the rates at the boundaries, H(a_0) - H(a_1) + ..."""
     library = choose_namespace((edges, at_edges, rates))
@@ -273,8 +291,8 @@ def _sum_edges(
     return _Sums(
         rate=contributions.mean(axis=0),
         contributions=contributions,
-        standard_error=compute_standard_error(contributions),
-        not_detected=bound_not_detected(overturned, rates),
+        standard_error=compute_standard_error(contributions, directions),
+        not_detected=bound_not_detected(overturned, rates, directions),
         complete=complete.all(axis=0),
         overturns_first=edges.overturns_first,
     )
@@ -287,13 +305,14 @@ def _average_samples(
     objects: Objects, uncertain: Uncertain, site: Site, model: RockingModel
 ) -> OverturningRate:
     """Compute the rates of samples of objects, and average over them."""
-    draws = uncertain.draw(objects.block, objects.restitution)
+    has_floor = site.suite.floor is not None
+    draws = uncertain.draw(objects.block, objects.restitution, on_floor=has_floor)
     shape = draws.restitution.shape
-    block, restitution = jax.tree.map(
-        lambda leaf: leaf.reshape(-1), (draws.block, draws.restitution)
+    block, restitution, floors = jax.tree.map(
+        lambda leaf: leaf.reshape(-1), (draws.block, draws.restitution, draws.floor)
     )
     simulated = simulate_samples(
-        objects, block, restitution, site, model, _ACCURACY_OF_SAMPLES
+        objects, block, restitution, site, model, _ACCURACY_OF_SAMPLES, floors
     )
     rates = simulated.rates
     records = simulated.cases.records
@@ -304,4 +323,9 @@ def _average_samples(
     dtype = np.asarray(objects.restitution).dtype
     fields = {name: np.asarray(value, dtype) for name, value in real.items()}
     fields |= {"overturns_first": overturns_first, "complete": ~overturns_first.any(axis=0)}
-    return OverturningRate(**jax.device_put(fields), boundaries=None, records=site.suite.names)
+    return OverturningRate(
+        **jax.device_put(fields),
+        boundaries=None,
+        records=site.suite.names,
+        directions=site.suite.directions,
+    )

@@ -262,7 +262,8 @@ def _search_value(
     levels = np.asarray(site.levels)
     overturned = tabulate_outcomes(cases, levels)
     rates = compute_rates(cases, overturned, levels, _ACCURACY)
-    bound = bound_not_detected(overturned, np.asarray(site.rates))
+    directions = site.suite.directions
+    bound = bound_not_detected(overturned, np.asarray(site.rates), directions)
     arrays = {
         "value": values,
         "rate": np.where(exists, rates.rate, np.nan),
@@ -317,7 +318,9 @@ def _estimate_rates(
         overturned[..., before] = np.stack(known, axis=1)
         overturned[..., ~before] = tabulate_outcomes(cases, levels[place][~before])
     # Windows narrower than these levels are met by chance.
-    windows = estimate_windows(overturned, np.asarray(site.rates)[place])
+    windows = estimate_windows(
+        overturned, np.asarray(site.rates)[place], site.suite.directions
+    )
     if stage == len(strides) - 1:
         rates = compute_rates(cases, overturned, levels[place], _ACCURACY, limits[indices])
         return RateEstimate(rates.rate, np.asarray(windows.deviation), overturned)

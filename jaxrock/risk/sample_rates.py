@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import Block
+from ..ground_motion import average_directions
 from ..resonance import RockingModel
+from ..sensitivity import FloorFactors
 from ..validation import AnyArray, choose_namespace
 from .not_detected import bound_not_detected
 from .objects import Objects
@@ -36,13 +38,15 @@ def simulate_samples(
     site: Site,
     model: RockingModel,
     accuracy: float,
+    floors: FloorFactors | None = None,
 ) -> SimulatedSamples:
     """Simulate samples of objects, given along one axis, at all levels of a site.
 
-    `accuracy` is that of the rate of a sample, relative; see `compute_rates`.
+    `accuracy` is that of the rate of a sample, relative; see `compute_rates`. Samples may have
+    floors of their own.
     """
     samples = objects._replace(block=block, restitution=restitution, names=())
-    cases = Cases.of(samples, site, model)
+    cases = Cases.of(samples, site, model, floors)
     levels = np.asarray(site.levels)
     overturned = tabulate_outcomes(cases, levels)
     return SimulatedSamples(
@@ -86,26 +90,32 @@ def average_samples(
     means = contributions.mean(axis=-1)
     # A bound for each sample, then the mean: samples of one record have the same windows, and do
     # not count as more records.
-    bounds = np.asarray(bound_not_detected(overturned, np.asarray(site.rates)))
+    directions = site.suite.directions
+    bounds = np.asarray(bound_not_detected(overturned, np.asarray(site.rates), directions))
     return SampleMeans(
         rate=means.mean(axis=0),
         contributions=means,
-        standard_error=compute_standard_error(means),
+        standard_error=compute_standard_error(means, directions),
         not_detected=bounds.mean(axis=-1),
     )
 
 
-def compute_standard_error(contributions: AnyArray) -> AnyArray | np.floating:
+def compute_standard_error(
+    contributions: AnyArray, directions: int = 1
+) -> AnyArray | np.floating:
     """Compute the standard error of a mean over records; NaN for one record.
 
     Parameters
     ----------
     contributions : array_like, shape (records, ...)
+    directions : int
+        In which the suite has each record: what is independent is the mean of these.
 
     Returns
     -------
     array, shape (...)
     """
+    contributions = average_directions(contributions, directions)
     records = len(contributions)
     if records == 1:
         library = choose_namespace(contributions)

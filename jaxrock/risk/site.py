@@ -41,7 +41,8 @@ class Site(Printed, eqx.Module):
     Parameters
     ----------
     suite : Suite
-        Each record with a single scale.
+        Each record with a single scale. Of a suite on a floor the ground is scaled to the
+        levels, and the floor with it.
     hazard : Hazard or callable
         Rate of exceedance H [1/yr] of a level, which does not rise with the level.
     measure : {"pgv", "pga"}
@@ -57,7 +58,7 @@ class Site(Printed, eqx.Module):
     rates : Array, shape (n,)
         The hazard at the levels [1/yr].
     intensities : Array, shape (records,)
-        The measure of each record of the suite.
+        The measure of each record of the suite, or of the ground below its floor.
 
     Raises
     ------

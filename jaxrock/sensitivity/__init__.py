@@ -18,6 +18,7 @@ from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
 from .reliability import ReliabilityResult, failure_probability
 from .uncertain import Draws, Uncertain
+from .uncertain import FloorFactors as FloorFactors
 
 __all__ = [
     "DerivativeBasedMeasures",

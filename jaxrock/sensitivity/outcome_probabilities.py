@@ -8,7 +8,7 @@ import numpy as np
 
 from ..block import Block
 from ..driven import Batch, check_batch, follow_batch, require_complete
-from ..ground_motion import Motion, Suite
+from ..ground_motion import Motion, Suite, average_directions
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
@@ -73,6 +73,8 @@ class OutcomeProbabilities(Printed):
         Highest rotation over the critical angle, at most 1, and 1 where the block overturns.
     confidence : float
         Of the intervals.
+    directions : int
+        2 if the records are in both directions, which count as one record.
     """
 
     outcomes: tuple[str, ...]
@@ -96,10 +98,12 @@ class OutcomeProbabilities(Printed):
     inputs: dict[str, np.ndarray]
     peak: np.ndarray
     confidence: float
+    directions: int = 1
 
     def __str__(self) -> str:
         records, samples = self.peak.shape
-        under = f"{records} records, each with " if records > 1 else ""
+        ways = " in both directions" * (self.directions == 2)
+        under = f"{records // self.directions} records{ways}, each with " * (records > 1)
         lines = [
             f"{under}{samples} samples, intervals with a confidence of {self.confidence:g}"
         ]
@@ -245,18 +249,25 @@ def outcome_probabilities(
     blank = np.where(clear, 1.0, np.nan)[:, None]
     indices = compute_sobol_indices(answers[0], answers[1], answers[2:])
     indices = [part * np.concatenate([[[1.0]], blank]) for part in indices]
+    # The directions of a record count as one record, by their mean.
+    directions = motion.directions if isinstance(motion, Suite) else 1
     names = uncertain.names
     scores = compute_scores(names, median, coefficient, z[0])
     derivatives = [
         np.array(parts) * blank
         for score in scores
         for parts in zip(
-            *(compute_derivatives(outcome, score) for outcome in outcomes), strict=True
+            *(
+                compute_derivatives(average_directions(outcome, directions), score)
+                for outcome in outcomes
+            ),
+            strict=True,
         )
     ]
     by_record = outcomes.mean(axis=2).T
     intervals = [
-        compute_interval(probabilities, samples, confidence) for probabilities in by_record.T
+        compute_interval(probabilities, samples, confidence)
+        for probabilities in average_directions(by_record, directions).T
     ]
     low, high = np.array(intervals).T
     words = ("rocks", f"exceeds {float(ratio):g}", "overturns")
@@ -282,6 +293,7 @@ def outcome_probabilities(
         inputs={name: values[name][:samples] for name in names},
         peak=answers[0, 0],
         confidence=float(confidence),
+        directions=directions,
     )
 
 

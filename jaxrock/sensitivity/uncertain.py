@@ -36,7 +36,16 @@ from .parameters import (
 )
 
 _ARGUMENT = "coefficients_of_variation"
+# Factors on the periods and dampings of all modes of a floor.
+FLOOR_NAMES = ("floor_period", "floor_damping")
 _BITS = 30  # of a Sobol point, the default of SciPy
+
+
+class FloorFactors(NamedTuple):
+    """Factors on the periods and dampings of a floor, for each sample [-]."""
+
+    period: np.ndarray
+    damping: np.ndarray
 
 
 class Draws(NamedTuple):
@@ -47,11 +56,14 @@ class Draws(NamedTuple):
     block, restitution : Block of ndarray, ndarray, shape (..., samples)
     normal : ndarray, shape (samples, names)
         The standard normal numbers, which all objects share.
+    floor : FloorFactors or None
+        Of shape (..., samples); None where the floor is not uncertain.
     """
 
     block: Block
     restitution: np.ndarray
     normal: np.ndarray
+    floor: FloorFactors | None = None
 
 
 class Uncertain(Printed, eqx.Module):
@@ -67,7 +79,9 @@ class Uncertain(Printed, eqx.Module):
         Standard deviation over mean [-], finite and at least 0, by name; one number, or one
         for each object. Of a block the names are ``width`` (at this height) and ``height`` (at
         this width), or ``half_width`` (at this slenderness) and ``slenderness``; ``gravity``
-        and ``inertia_ratio``. What else has a name the function says that takes this.
+        and ``inertia_ratio``. Of the floor on which a suite is they are ``floor_period`` and
+        ``floor_damping``, which are common to all modes. What else has a name the function
+        says that takes this.
     samples : int
         Number of samples, a power of 2.
     seed : int
@@ -135,7 +149,7 @@ class Uncertain(Printed, eqx.Module):
             for name, value in zip(self.names, self.coefficients, strict=True)
         }
 
-    def draw(self, block: Block, restitution: Number) -> Draws:
+    def draw(self, block: Block, restitution: Number, *, on_floor: bool = False) -> Draws:
         """Draw samples of a block, or of each of many, by scrambled Sobol points.
 
         All objects share the points: what differs between two of them is not the noise of two
@@ -145,6 +159,8 @@ class Uncertain(Printed, eqx.Module):
         ----------
         block, restitution : Block, array_like, shape () or (objects,)
             The medians.
+        on_floor : bool
+            Whether there is a floor, whose period and damping may be uncertain.
 
         Returns
         -------
@@ -154,9 +170,9 @@ class Uncertain(Printed, eqx.Module):
         Raises
         ------
         ValueError
-            If a name is none of the parameters; if both descriptions of a size are mixed; if
-            there are more axes than one, or not a coefficient for each object; if an inertia
-            ratio falls below 1; if the coefficient of a restitution is too large: not 0 at a
+            If a name is none of the parameters, or is of a floor and there is none; if both
+            descriptions of a size are mixed; if there are more axes than one, or not a
+            coefficient for each object; if an inertia ratio falls below 1; if the coefficient of a restitution is too large: not 0 at a
             median of 1, or such that the density has two peaks.
 
         Examples
@@ -168,6 +184,14 @@ class Uncertain(Printed, eqx.Module):
         [0.791 0.826 0.806 0.756]
         """
         parameters = list_medians(block, restitution, self.names)
+        of_floor = [name for name in self.names if name in FLOOR_NAMES]
+        if of_floor and not on_floor:
+            raise ValueError(
+                f"{_ARGUMENT} has {of_floor[0]!r}, but the suite is on no floor whose period and"
+                " damping are known; Suite.on_floor puts it on one"
+            )
+        if of_floor:
+            parameters |= dict.fromkeys(FLOOR_NAMES, np.ones(()))
         medians = np.broadcast_arrays(*parameters.values())
         shape = medians[0].shape
         if len(shape) > 1 or shape == (0,):
@@ -196,7 +220,8 @@ class Uncertain(Printed, eqx.Module):
             for name in parameters
         }
         drawn_blocks = make_drawn_blocks(samples, block.one_sided)
-        return Draws(drawn_blocks, samples["restitution"], normal)
+        floor = FloorFactors(*(samples[name] for name in FLOOR_NAMES)) if of_floor else None
+        return Draws(drawn_blocks, samples["restitution"], normal, floor)
 
     def _select(self, number: int) -> dict[str, float]:
         """Select the coefficients of one object, by name."""

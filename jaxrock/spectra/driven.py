@@ -350,8 +350,10 @@ def _simulate_some_records(
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Simulate blocks over a part of a grid whose first axis are records, by their numbers."""
-    # A chunk has records that are next to one another.
-    return compute(suite[records[0] : records[-1] + 1], *parts)
+    # A chunk has records that are next to one another, of a suite in both directions perhaps
+    # only one direction of some.
+    part = slice(records[0], records[-1] + 1)
+    return compute(Suite(suite.records[part], suite.names[part]), *parts)
 
 
 def _follow_part(

@@ -21,6 +21,8 @@ TABLES = Path(__file__).parent.parent / "tables"
 CASES = TABLES / "ridgecrest_cases.csv"
 PULSES = TABLES / "pulse_cases.csv"
 BARELY_LIFTED = TABLES / "barely_lifted_cases.csv"
+AGAINST_WALL = TABLES / "one_sided_pulse_cases.csv"
+STRONG = 0.01  # an impact counts there if it is that fast, over the fastest one
 _FIRST_STEP = 1e-3  # of a motion that begins at rest, over the length of its piece
 _NEGLIGIBLE = 1e-9  # share of the acceleration that all further bounces of a block may change
 
@@ -109,7 +111,14 @@ class Rocker:
     """The equation of motion of one or more blocks, and what energy says of the outcome."""
 
     def __init__(
-        self, half_width, slenderness, restitution, linearized=False, gravity=9.81, share=0.75
+        self,
+        half_width,
+        slenderness,
+        restitution,
+        linearized=False,
+        gravity=9.81,
+        share=0.75,
+        one_sided=False,
     ):
         self.angle = np.arctan(1 / np.asarray(slenderness, float))
         # Of the moment of inertia about the edge, `share` is what the mass in its centre has.
@@ -117,6 +126,8 @@ class Rocker:
         self.p = np.sqrt(share * gravity / self.radius)
         self.c = restitution
         self.linearized = linearized
+        # Against a wall: to positive angles only, and thrown back from 0.
+        self.one_sided = one_sided
         self.gravity = gravity
         self.tangent = self.angle if linearized else np.tan(self.angle)
 
@@ -124,6 +135,7 @@ class Rocker:
         """Some of the blocks, of which there are `size` in all."""
         some = object.__new__(Rocker)
         some.linearized = self.linearized
+        some.one_sided = self.one_sided
         for name in ("angle", "radius", "p", "c", "gravity", "tangent"):
             setattr(some, name, np.broadcast_to(getattr(self, name), (size,))[which])
         return some
@@ -297,7 +309,7 @@ class _Motion:
         when = np.full(k.size, np.inf)
         side = np.ones(k.size)
         strength = np.full(k.size, -np.inf)
-        for s in (1.0, -1.0):
+        for s in (1.0,) if self.all.one_sided else (1.0, -1.0):
 
             def excess(t, s=s, some=self.rocker(k)):
                 return some.excess(s, self.input_of(k, t))
@@ -393,7 +405,7 @@ class _Motion:
         self.margin[falls] = np.where(np.isnan(self.margin[falls]), -1.0, self.margin[falls])
 
     def land(self, k):
-        """Go on to the other side, or rest where all further bounces amount to nothing."""
+        """Go on, also from a wall, or rest where all further bounces amount to nothing."""
         some = self.rocker(k)
         for each in k:
             begin = self.edges[each, min(self.piece[each], self.pieces)]
@@ -401,7 +413,8 @@ class _Motion:
             self.impacts[each].append((begin + self.time[each], velocity))
             self.active[each] &= len(self.impacts[each]) != self.landings
         speed = -some.c * self.v[k]
-        self.side[k] = -self.side[k]
+        if not some.one_sided:
+            self.side[k] = -self.side[k]
         onward = self.field(k)(self.time[k], np.zeros(k.size))
         lost = -onward * (1 - some.c)
         settles = (onward < 0) & (2 * speed * some.p <= _NEGLIGIBLE * lost)
@@ -528,8 +541,54 @@ def _barely_lifted(rng, count=40):
     _write(BARELY_LIFTED, names, rows)
 
 
+def count_strong(velocities):
+    """Count the impacts that are not tiny bounces."""
+    speeds = np.abs(velocities)
+    return int((speeds > STRONG * speeds.max(initial=0.0)).sum())
+
+
+def _against_wall(rng, count=200):
+    """Blocks that rock to one side, barely lifted, bouncing, or overturned."""
+    rows = []
+    for shape in SHAPES:
+        b = 10 ** rng.uniform(-1.3, 0.5, count)
+        slenderness = rng.uniform(1.5, 12, count)
+        c = np.where(
+            rng.random(count) < 0.5, rng.uniform(0.4, 0.5, count), rng.uniform(0, 0.95, count)
+        )
+        duration = 10 ** rng.uniform(-2, 0.3, count)
+        barely = 1 + 10 ** rng.uniform(-4, -1, count)
+        strong = 10 ** rng.uniform(0.02, 1, count)
+        over = np.where(rng.random(count) < 0.3, barely, strong)
+        # A push towards the wall lifts no block: a few for shapes that push one way only.
+        towards = 0.03 if shape in ("Rectangular", "HalfSine") else 0.5
+        sign = np.where(rng.random(count) < towards, -1.0, 1.0)
+        amplitude = sign * 9.81 / slenderness * over
+        numbers = np.array([b, slenderness, c, amplitude, duration])
+        numbers = np.array([[float(f"{x:.6g}") for x in row] for row in numbers])
+        b, slenderness, c, amplitude, duration = numbers
+        rocker = Rocker(b, slenderness, c, one_sided=True)
+        r = follow(rocker, pulse(shape, amplitude, duration), 3.0, rtol=1e-13)
+        rows += [
+            (shape, *map(repr, case), repr(peak), int(fallen), count_strong(velocities))
+            for case, peak, fallen, velocities in zip(
+                numbers.T.tolist(),
+                r.peak.tolist(),
+                r.overturned,
+                r.impact_velocities,
+                strict=True,
+            )
+        ]
+    names = (
+        "shape half_width slenderness restitution amplitude duration peak_rotation overturned"
+        " impacts"
+    )
+    _write(AGAINST_WALL, names, rows)
+
+
 def main():
     """Write the tables of cases."""
+    _against_wall(np.random.default_rng(4))
     _barely_lifted(np.random.default_rng(3))
     _ridgecrest(np.random.default_rng(1))
     _pulses(np.random.default_rng(2))

@@ -3,6 +3,7 @@
 from .batch import Batch
 from .compiler_options import jit_steps
 from .ground_motions import GroundMotions, convert_motion
+from .ground_motions import RecordVariants as RecordVariants
 from .respond_many import (
     BatchResponse,
     check_batch,

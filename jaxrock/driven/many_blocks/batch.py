@@ -13,7 +13,7 @@ from ...block import Block
 from ...ground_motion import Motion, Suite
 from ...validation import Number, choose_namespace, is_traced
 from .ground_input import HostNumbers, HostReals
-from .ground_motions import GroundMotions, convert_motion
+from .ground_motions import GroundMotions, RecordVariants, convert_motion
 from .prepared_blocks import BatchArguments
 
 
@@ -45,7 +45,7 @@ class Batch(eqx.Module):
         cls,
         block: Block,
         restitution: Number,
-        motion: Motion | Suite | GroundMotions,
+        motion: Motion | Suite | RecordVariants | GroundMotions,
         duration: Number | None = None,
         axes: int = 0,
         *,
@@ -75,6 +75,8 @@ class Batch(eqx.Module):
             axes = max(axes, *(np.ndim(leaf) for leaf in jax.tree.leaves(numbers)))
             if isinstance(motion, Suite):
                 axes = max(axes, np.ndim(motion.records[0].scale))
+            if isinstance(motion, RecordVariants):
+                axes = max(axes, np.ndim(motion.which))
             ground = convert_motion(convert(motion), axes, grouped=namespace is np)
             if namespace is jnp:
                 # Only `advance` may lead to a start before time 0; NaN is not valid.

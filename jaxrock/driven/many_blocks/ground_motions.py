@@ -39,6 +39,21 @@ class MotionNumbers(NamedTuple):
     motion: HostNumbers  # index among the records of all parts
 
 
+class RecordVariants(NamedTuple):
+    """Records of a suite in several variants, and which of them each block feels.
+
+    Attributes
+    ----------
+    records : tuple of Record
+        Samples of shape (variants, samples), as many variants of each record.
+    which : Array, shape (...)
+        The variant of each block; these axes follow the axis of the records.
+    """
+
+    records: tuple[Record, ...]
+    which: HostNumbers
+
+
 class GroundMotions(eqx.Module):
     """Ground motions of the blocks of a batch.
 
@@ -76,7 +91,7 @@ class GroundMotions(eqx.Module):
 
 
 def convert_motion(
-    motion: Motion | Suite, axes: int = 0, grouped: bool = False
+    motion: Motion | Suite | RecordVariants, axes: int = 0, grouped: bool = False
 ) -> GroundMotions:
     """Convert a motion or a suite, whose arrays are of one type, to what the batch takes.
 
@@ -93,7 +108,13 @@ def convert_motion(
         ground = make_pulse_input(Sine, motion.amplitude.dtype, motion._period_count)
         return _convert_pulses(ground, motion, length, end)
     if isinstance(motion, Suite):
-        return _convert_suite(motion, axes, grouped)
+        return _convert_suite(motion.records, axes, grouped)
+    if isinstance(motion, RecordVariants):
+        ground = _convert_suite(motion.records, axes, grouped)
+        numbers = ground.numbers
+        variants = motion.records[0].acceleration.shape[0]
+        numbers = numbers._replace(motion=numbers.motion * variants + motion.which)
+        return ground.replace_numbers(numbers)
     assert isinstance(motion, Record)
     return _convert_record(motion, grouped)
 
@@ -126,35 +147,44 @@ def _convert_record(record: Record, grouped: bool) -> GroundMotions:
     )
 
 
-def _convert_suite(suite: Suite, axes: int, grouped: bool) -> GroundMotions:
-    """Convert a suite, whose numbers get a leading axis of records."""
-    has_vertical = any(record.vertical is not None for record in suite)
+def _convert_suite(records: Sequence[Record], axes: int, grouped: bool) -> GroundMotions:
+    """Convert the records of a suite, whose numbers get a leading axis of records."""
+    has_vertical = any(record.vertical is not None for record in records)
     names = ["acceleration", "vertical"] if has_vertical else ["acceleration"]
 
     def join_samples(name: str) -> HostReals:
-        samples = [getattr(record, name) for record in suite]
+        samples = [getattr(record, name) for record in records]
         namespace = choose_namespace(samples)
-        zeros = [namespace.zeros_like(record.acceleration) for record in suite]
+        zeros = [namespace.zeros_like(record.acceleration) for record in records]
         pairs = zip(samples, zeros, strict=True)
-        return namespace.concatenate([zero if part is None else part for part, zero in pairs])
+        # Variants of a record, which have an axis, lie one after the other.
+        parts = [
+            zero if part is None else namespace.broadcast_to(part, zero.shape)
+            for part, zero in pairs
+        ]
+        return namespace.concatenate([part.reshape(-1) for part in parts])
 
     def make_column(values: Sequence[HostNumbers]) -> HostNumbers:
         value_shape = values[0].shape
         namespace = choose_namespace(values)
-        shape = (len(suite), *[1] * (axes - len(value_shape)), *value_shape)
+        shape = (len(records), *[1] * (axes - len(value_shape)), *value_shape)
         return namespace.stack([namespace.asarray(value) for value in values]).reshape(shape)
 
-    counts = [record.samples for record in suite]
+    counts = [
+        record.samples
+        for record in records
+        for _ in range(math.prod(record.acceleration.shape[:-1]))
+    ]
     parts, begins = _lay_out([join_samples(name) for name in names], counts, grouped)
-    ends = [record.start + record._last_index * record.time_step for record in suite]
-    dtype = suite.records[0].acceleration.dtype
+    ends = [record.start + record._last_index * record.time_step for record in records]
+    dtype = records[0].acceleration.dtype
     return GroundMotions(
         parts,
-        make_column([record.scale for record in suite]),
-        make_column([record.time_step for record in suite]),
-        make_column([record.start for record in suite]),
+        make_column([record.scale for record in records]),
+        make_column([record.time_step for record in records]),
+        make_column([record.start for record in records]),
         make_column(ends),
-        make_column([np.asarray(k, dtype) for k in range(len(suite))]),
+        make_column([np.asarray(k, dtype) for k in range(len(records))]),
         begins,
     )
 

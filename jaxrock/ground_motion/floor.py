@@ -1,0 +1,320 @@
+"""Floors of a building: linear oscillators that the ground accelerates, and their motion."""
+
+import math
+import warnings
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from ..host import Printed, format_number
+from ..validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE,
+    AnyArray,
+    Checked,
+    Domain,
+    Number,
+    Numbers,
+    Reals,
+    as_array,
+    as_field,
+    as_real,
+    check,
+    choose_namespace,
+    is_traced,
+    quantity,
+    replace_invalid,
+    unify_precision,
+)
+from .oscillator_response import compute_absolute_accelerations
+
+# Ten times critical damping is beyond any building, and within what the recursion is exact for.
+_DAMPING = Domain("between 0 and 10", lambda ratio: (ratio >= 0) & (ratio <= 10), 0.05)
+# The free vibration is over where the floor stays below this part of its peak.
+_NEGLIGIBLE = 1e-3
+# Part of the peak that straight lines between samples may miss without a warning.
+_MISSED = 0.03
+# A time step that is given may be rounded.
+_ROUNDING = 1e-6
+
+
+class Floor(Printed, Checked):
+    """Linear oscillators whose absolute accelerations make the motion of a floor.
+
+    Parameters
+    ----------
+    period, damping, participation, time_step, free_vibration
+        As in `Record.on_floor`.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range, or shapes do not broadcast.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> print(jr.ground_motion.Floor(0.4, 0.03))
+    floor of period 0.4 s, damping 0.03
+    """
+
+    period: Reals = quantity(POSITIVE, "s")
+    damping: Reals = quantity(_DAMPING, "")
+    participation: Reals = quantity(FINITE, "")
+    time_step: float | None = eqx.field(static=True)
+    free_vibration: float | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        period: Numbers = 0.5,
+        damping: Numbers = 0.05,
+        participation: Numbers = 1.0,
+        *,
+        time_step: Number | None = None,
+        free_vibration: Number | None = None,
+    ):
+        self.period = as_field(Floor, "period", period)
+        self.damping = as_field(Floor, "damping", damping)
+        self.participation = as_field(Floor, "participation", participation)
+        self.time_step = _read_time("time_step", time_step, POSITIVE)
+        self.free_vibration = _read_time("free_vibration", free_vibration, NON_NEGATIVE)
+
+    def __str__(self) -> str:
+        words = [
+            f"period {format_number(self.period, 's')}",
+            f"damping {format_number(self.damping)}",
+        ]
+        if self.participation.ndim or is_traced(self.participation) or self.participation != 1:
+            words.append(f"participation {format_number(self.participation)}")
+        return f"floor of {', '.join(words)}"
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the floors, without the axis of the modes."""
+        shapes = [value.shape for value in (self.period, self.damping, self.participation)]
+        shape = np.broadcast_shapes(*shapes)
+        return shape[:-1] if self.participation.ndim else shape
+
+    def require_finer_step(self, time_step: Reals) -> None:
+        """Raise `ValueError` if the time step is given, and longer than one [s] of a record."""
+        if self.time_step is None or is_traced(time_step):
+            return
+        step = float(np.max(np.asarray(time_step)))
+        if self.time_step > step * (1 + _ROUNDING):
+            raise ValueError(
+                f"time_step must be at most that of the record, {step:g} s, got"
+                f" {self.time_step:g} s"
+            )
+
+    def multiply(self, period_factor: Numbers, damping_factor: Numbers) -> "Floor":
+        """Multiply the periods and dampings of all modes; one floor for each factor."""
+        factors = [np.asarray(factor) for factor in (period_factor, damping_factor)]
+        if self.participation.ndim:
+            factors = [factor[..., None] for factor in factors]
+        return Floor(
+            np.asarray(self.period) * factors[0],
+            np.asarray(self.damping) * factors[1],
+            self.participation,
+            time_step=self.time_step,
+            free_vibration=self.free_vibration,
+        )
+
+
+def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
+    """Read a time [s] on which the number of samples depends; None if it is not given."""
+    if value is None:
+        return None
+    time = as_real(name, value, unit="s")
+    if is_traced(time) or time.ndim:
+        shape = "traced" if is_traced(time) else f"an array of shape {time.shape}"
+        raise ValueError(
+            f"{name} must be one number, on which the number of samples depends, got {shape}"
+        )
+    check(name, time, domain)
+    return float(time)
+
+
+class FloorMotion(NamedTuple):
+    """Motion of a floor under a record.
+
+    Attributes
+    ----------
+    acceleration : Array, shape (..., samples)
+    vertical : Array, shape (..., samples), or None
+    time_step : Array
+        [s]
+    missed : float
+        Part of the peak that straight lines between the samples miss; 0 if traced.
+    sufficient_step : float
+        Time step [s] with which it would be `_MISSED`.
+    """
+
+    acceleration: Reals
+    vertical: Reals | None
+    time_step: Reals
+    missed: float
+    sufficient_step: float
+
+
+def compute_floor_motion(
+    acceleration: Reals, vertical: Reals | None, time_step: Reals, floor: Floor
+) -> FloorMotion:
+    """Compute the motion of a floor under the samples of a record; see `Record.on_floor`."""
+    floor, valid = replace_invalid(floor) if is_traced(floor) else (floor, True)
+    numbers = (
+        acceleration,
+        vertical,
+        time_step,
+        (floor.period, floor.damping, floor.participation),
+    )
+    traced = is_traced(numbers)
+    # The precision that JAX promotes all to together; concrete values are computed in float64.
+    unified = unify_precision(numbers)
+    dtype = unified[0].dtype
+    if traced:
+        acceleration, vertical, time_step, modes = unified
+    else:
+        acceleration, vertical, time_step = (
+            None if value is None else np.asarray(value, float) for value in numbers[:3]
+        )
+        modes = [np.asarray(value, float) for value in numbers[3]]
+    division = _choose_division(time_step, floor.time_step)
+    acceleration = _interpolate_samples(acceleration, division)
+    time_step = time_step / division
+    last = acceleration.shape[-1] - 1
+    extension = _choose_extension(last, time_step, floor.free_vibration)
+    period, damping, participation = (
+        modes if floor.participation.ndim else [value[..., None] for value in modes]
+    )
+    library = choose_namespace(numbers)
+    # All of one rank: the leading axes, then the modes.
+    shape = np.broadcast_shapes(
+        (*time_step.shape, 1),
+        (*acceleration.shape[:-1], 1),
+        period.shape,
+        damping.shape,
+        participation.shape,
+    )
+    ratio = library.broadcast_to(time_step[..., None], shape) / library.broadcast_to(
+        period, shape
+    )
+    damping = library.broadcast_to(damping, shape)
+    participation = library.broadcast_to(participation, shape)
+    missing = len(shape) - acceleration.ndim
+    ground = acceleration.reshape(*[1] * missing, *acceleration.shape)
+    of_modes = compute_absolute_accelerations(
+        ground[..., None, :], 2 * math.pi * ratio, damping, extension
+    )
+    padding = [(0, 0)] * (ground.ndim - 1) + [(0, extension)]
+    ground = library.pad(ground, padding)
+    weighted = participation[..., None] * of_modes
+    with_ground = (1 - participation.sum(axis=-1))[..., None] * ground
+    motion = with_ground + weighted.sum(axis=-2)
+    missed = (0.0, math.inf)
+    if traced:
+        if valid is not True:
+            of_floors = valid.all(axis=-1) if floor.participation.ndim else valid
+            motion = jnp.where(of_floors[..., None], motion, jnp.nan)
+    else:
+        if floor.free_vibration is None:
+            motion = motion[..., : _find_end(motion, last)]
+        relative = participation[..., None] * (of_modes - ground[..., None, :])
+        missed = _estimate_missed(relative, motion, 2 * math.pi * ratio, time_step)
+    if vertical is not None:
+        vertical = _interpolate_samples(vertical, division)
+        padding = [(0, 0)] * (vertical.ndim - 1) + [(0, motion.shape[-1] - last - 1)]
+        vertical = library.pad(vertical, padding)
+    arrays = (motion, vertical, time_step)
+    if not traced:
+        arrays = (
+            None if value is None else as_array(np.asarray(value, dtype)) for value in arrays
+        )
+    return FloorMotion(*arrays, *missed)
+
+
+def _choose_division(time_step: AnyArray, longest: float | None) -> int:
+    """Choose into how many parts a step is divided, so that none is longer than asked for."""
+    if longest is None:
+        return 1
+    if is_traced(time_step):
+        raise ValueError(
+            "time_step can only be given where that of the record is concrete, since the"
+            f" number of samples depends on both, got {longest:g} s"
+        )
+    step = float(time_step.max())
+    return max(1, math.ceil(step / longest * (1 - _ROUNDING)))
+
+
+def _choose_extension(last: int, time_step: AnyArray, duration: float | None) -> int:
+    """Choose how many samples are added, of a duration or as many as there are steps."""
+    if duration is None:
+        return last
+    if duration == 0:
+        return 0
+    if is_traced(time_step):
+        raise ValueError(
+            "free_vibration can only be given where the time step of the record is concrete,"
+            f" since the number of samples depends on both, got {duration:g} s"
+        )
+    return math.ceil(duration / float(time_step.min()) * (1 - _ROUNDING))
+
+
+def _interpolate_samples(samples: AnyArray, division: int) -> AnyArray:
+    """Add samples on the straight lines between samples."""
+    if division == 1:
+        return samples
+    library = choose_namespace(samples)
+    along = np.arange(division, dtype=samples.dtype) / division
+    along = along.reshape(*[1] * samples.ndim, division)
+    before = samples[..., :-1, None]
+    lines = before + along * (samples[..., 1:, None] - before)
+    lines = lines.reshape(*samples.shape[:-1], -1)
+    return library.concatenate([lines, samples[..., -1:]], axis=-1)
+
+
+def _find_end(motion: np.ndarray, last: int) -> int:
+    """Find the number of samples until all floors stay below a small part of their peaks."""
+    size = abs(motion)
+    moves = size > _NEGLIGIBLE * size.max(axis=-1, keepdims=True)
+    (places,) = np.nonzero(moves.reshape(-1, motion.shape[-1]).any(axis=0))
+    # With the first sample that is below it.
+    return max(last, int(places[-1]) + 1 if places.size else 0) + 1
+
+
+def _estimate_missed(
+    relative: np.ndarray, motion: np.ndarray, x: np.ndarray, time_step: np.ndarray
+) -> tuple[float, float]:
+    """Estimate which part of the peak straight lines between samples miss.
+
+    Returns as well the time step [s] with which it would be as much as is tolerated.
+    """
+    # The lines miss x^2 / 8 of the amplitude of an oscillation, and not more than all of it.
+    # A mode that hardly moves against the ground, which is linear, is missed by little.
+    amplitude = abs(relative).max(axis=-1)
+    peak = abs(motion).max(axis=-1)[..., None]
+    part = amplitude / np.where(peak > 0, peak, np.inf)
+    missed = np.minimum(x**2 / 8, 1) * part
+    worst = np.argmax(missed)
+    steps = np.broadcast_to(time_step[..., None], missed.shape)
+    with np.errstate(divide="ignore"):
+        sufficient = steps / x * np.sqrt(8 * _MISSED / part)
+    return float(missed.flat[worst]), float(sufficient.flat[worst])
+
+
+def warn_of_coarse_step(motion: FloorMotion, name: str = "") -> None:
+    """Warn where straight lines between samples miss much of the motion of a floor."""
+    if motion.missed <= _MISSED:
+        return
+    # Rounded down to two digits.
+    unit = 10.0 ** (math.floor(math.log10(motion.sufficient_step)) - 1)
+    step = math.floor(motion.sufficient_step / unit * (1 + _ROUNDING)) * unit
+    record = f" under record {name!r}" if name else ""
+    warnings.warn(
+        f"straight lines between samples {float(motion.time_step.max()):g} s apart miss up to"
+        f" {100 * motion.missed:.2g} % of the peak of the floor{record};"
+        f" time_step={step:.2g} would do",
+        stacklevel=4,  # past the method, and what Equinox calls it by
+    )

@@ -1,0 +1,47 @@
+"""Records in reverse, and the parts of a suite that has each record in both directions."""
+
+import equinox as eqx
+import numpy as np
+
+from ..validation import AnyArray, as_array, is_traced
+from .record import Record
+
+
+def reverse_record(record: Record) -> Record:
+    """Reverse the horizontal acceleration of a record."""
+    samples = record.acceleration
+    # In NumPy: JAX would compile a program for each length.
+    reverse = -samples if is_traced(samples) else as_array(-np.asarray(samples))
+    return eqx.tree_at(lambda record: record.acceleration, record, reverse)
+
+
+def split_directions(values: AnyArray, directions: int) -> list[AnyArray]:
+    """Split values of shape (records, ...) of a suite by the directions of its records."""
+    return list(values.reshape(directions, -1, *values.shape[1:]))
+
+
+def average_directions(values: AnyArray, directions: int) -> AnyArray:
+    """Average values of shape (records, ...) of a suite over the directions of each record."""
+    return (
+        values if directions == 1 else sum(split_directions(values, directions)) / directions
+    )
+
+
+def find_directions(which: slice, recordings: int, directions: int) -> int:
+    """Find in how many directions a part of a suite has its records.
+
+    Raises a `ValueError` if that differs from record to record.
+    """
+    if directions == 1:
+        return 1
+    places = range(recordings * directions)[which]
+    sources = [place % recordings for place in places]
+    if len(set(sources)) == len(sources):
+        return 1
+    half = len(places) // 2
+    if list(places[half:]) != [place + recordings for place in places[:half]]:
+        raise ValueError(
+            "a part of a suite in both directions must have both directions of each of its"
+            f" records, or one of each, got {which.start}:{which.stop}:{which.step}"
+        )
+    return 2

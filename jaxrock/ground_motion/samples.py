@@ -1,0 +1,58 @@
+"""Samples of an acceleration along the last axis: times among them, values between, their sum."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..validation import Reals
+
+# So many samples of an acceleration do not rise all the way.
+_RISING = 8
+# Columns of a table: times, three components.
+_FEW = 4
+
+
+def refuse_times(name: str, rows: np.ndarray) -> None:
+    """Raise `ValueError` if one of several rows, or of few columns, holds times of samples."""
+    # Times never fall; by few printed digits they may repeat. In any unit, since a factor has
+    # been multiplied to them as well. No ground accelerates ever more.
+    for word, lines in (("row", rows), ("column", rows.T)):
+        # Of columns there are few: many are samples of as many records.
+        if lines.shape[1] < _RISING or (word == "column" and len(lines) > _FEW):
+            continue
+        rises = (np.diff(lines, axis=1) >= 0).all(axis=1) & (lines[:, -1] > lines[:, 0])
+        if rises.any() and not rises.all():
+            raise ValueError(
+                f"{name} must be samples along the last axis, got an array of shape"
+                f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} are times by their rise;"
+                f" pass the {word}s of accelerations alone, as rows"
+            )
+
+
+@jax.jit
+def integrate_samples(samples: Reals, last: int | Reals) -> Reals:
+    """Integrate samples up to the `last` one by the trapezoidal rule, over the time step."""
+    # The padding adds nothing to the sum.
+    at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
+    return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
+
+
+def interpolate(samples: Reals, index: Array, along: Reals) -> Reals:
+    """Interpolate in the last axis linearly; leading axes broadcast with those of `index`."""
+    if samples.ndim == 1:
+        # Both samples in one piece, which XLA fuses into what follows.
+        shape = index.shape
+        slices = jax.vmap(lambda start: jax.lax.dynamic_slice(samples, (start,), (2,)))
+        left, right = slices(index.reshape(-1)).T.reshape(2, *shape)
+        return (1 - along) * left + along * right
+    shape = jnp.broadcast_shapes(samples.shape[:-1], index.shape)
+    samples = jnp.broadcast_to(samples, (*shape, samples.shape[-1]))
+    index = jnp.broadcast_to(index, shape)[..., None]
+    # The index has been clipped: without the mode, JAX would check it once more.
+    left, right = (
+        jnp.take_along_axis(samples, at, axis=-1, mode="promise_in_bounds")[..., 0]
+        for at in (index, index + 1)
+    )
+    # Exact at both ends, unlike left + along * (right - left).
+    return (1 - along) * left + along * right
