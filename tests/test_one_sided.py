@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from scenes import record
 from scipy.integrate import solve_ivp
 
 import jaxrock as jr
@@ -274,3 +275,335 @@ def test_worst_trains_push_away_from_the_wall(model):
     assert worst.largest == pytest.approx(expected, rel=1e-6)
     outcome = jr.respond_to_train(WALL, C, worst.times, worst.intensities, model)
     assert outcome.overturned
+
+
+# Pulses of finite duration, what simplifications cost
+
+
+def half_sine(duration, intensity=0.3):
+    return jr.HalfSine(0.5 * np.pi * intensity / duration, duration)
+
+
+def test_pulses_of_finite_duration():
+    """The stabilized phase is a fixed point: half of a free-standing block's period."""
+    pulse = half_sine(0.01)
+    phase = jr.pulsed_phase(WALL, C, pulse)
+    free = jr.pulsed_phase(FREE, -C, pulse)
+    assert phase.from_rest
+    assert float(phase.period) == pytest.approx(0.5 * float(free.period), rel=1e-12)
+    landing = jr.steady.pulsed_next_velocity(WALL, C, pulse, phase.velocity)
+    assert float(landing) == pytest.approx(float(phase.velocity), rel=1e-8)
+    # The same motion through the wall: from one return to the next.
+    launch = -C * phase.velocity
+    response = jr.respond(WALL, C, pulse, float(phase.period) + 1e-3, velocity=launch)
+    assert float(response.impact_times[0]) == pytest.approx(float(phase.period), rel=1e-7)
+    assert response.history(response.impact_times + 1e-4)[0] > 0
+    # Towards the wall no pulse lifts it.
+    still = jr.pulsed_phase(WALL, C, half_sine(0.01, -0.3))
+    assert still.settles
+    assert float(jr.steady.pulsed_next_velocity(WALL, C, half_sine(0.01, -0.3), 0.0)) == 0
+
+
+@pytest.mark.parametrize("half_cycles", [2, np.inf])
+def test_critical_pulses_become_instantaneous(half_cycles):
+    expected = float(jr.critical_intensity(WALL, C, half_cycles, "nonlinear"))
+    errors = []
+    for duration in (4e-3, 2e-3):
+        threshold = jr.critical_pulsed_amplitude(
+            WALL, C, jr.HalfSine, duration, half_cycles=half_cycles
+        )
+        errors.append(float(threshold.intensity) / expected - 1)
+    assert errors[0] / errors[1] == pytest.approx(2, rel=0.02)
+    assert abs(errors[1]) < 5e-3
+
+
+def test_predicted_costs_are_those_of_the_wall():
+    scene = jr.Scene(WALL, C, 0.3)
+    predicted = jr.model_error(scene, jr.HalfSine, 0.02)
+    phase = jr.pulsed_phase(WALL, C, half_sine(0.02))
+    cost = float(jr.stabilized_period(scene, jr.Nonlinear())) / float(phase.period) - 1
+    assert abs(float(predicted.duration.period) - cost) < float(
+        predicted.duration_bound.period
+    )
+    assert float(predicted.duration_bound.period) < 0.2 * cost
+    # Linearizing, and rounding, cost what they cost a free-standing block.
+    free = jr.model_error(jr.Scene(FREE, -C, 0.3))
+    alike = jr.model_error(scene)
+    for found, expected in zip(jax.tree.leaves(alike), jax.tree.leaves(free), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15)
+    assert jr.choose(scene, 0.01).setting == jr.choose(jr.Scene(FREE, -C, 0.3), 0.01).setting
+
+
+def test_choice_for_driven_motion():
+    scene = jr.DrivenScene(WALL, C, record())
+    choice = jr.choose(scene, 1e-6)
+    wall, free = (jr.respond_within(block, -C, record(), 1e-6) for block in (WALL, FREE))
+    assert choice.setting.rtol == float(wall.cheapest)
+    assert float(choice.error) <= 1e-6
+    assert float(wall.response.peak_rotation) != float(free.response.peak_rotation)
+
+
+@pytest.mark.thorough
+def test_measured_trade():
+    """The period by the integrator is that of the closed form."""
+    trade = jr.accuracy.measure_tradeoff(jr.Scene(WALL, C, 0.3), repeats=1)
+    error = trade.dataset.error.where(trade.dataset.level == "adaptive")
+    assert float(error.min()) < 1e-10
+
+
+# Spectra
+
+
+@pytest.mark.parametrize("model", [*MODELS, "auto"])
+def test_resonance_spectrum(model):
+    axes = ([5.0, 10.0], [0.4, 0.8], 0.2)
+    free = jr.resonance_spectrum(*axes[:2], [0.4, 0.5], axes[2], model=model)
+    wall = jr.resonance_spectrum(*axes[:2], [-0.4, 0.5], axes[2], model=model, one_sided=True)
+    assert wall.attrs["one_sided"] == 1
+    assert "one_sided" not in free.attrs
+    np.testing.assert_array_equal(wall.restitution, [0.4, 0.5])
+    np.testing.assert_allclose(wall.period, 0.5 * free.period, rtol=1e-14)
+    for name in set(free.data_vars) - {"period"}:
+        np.testing.assert_allclose(wall[name], free[name], rtol=1e-14)
+    lazy = jr.resonance_spectrum(
+        *axes[:2], [0.4, 0.5], axes[2], model=model, one_sided=True, chunks={"width": 1}
+    )
+    np.testing.assert_array_equal(lazy.period, wall.period)
+
+
+def test_rocking_spectrum():
+    """Blocks of the spectrum, made one by one; Housner's restitution is not theirs."""
+    motion = record()
+    spectrum = jr.rocking_spectrum(motion, [1.5, 3.0], slenderness=[4.0, 8.0], one_sided=True)
+    angles = np.arctan(1 / np.array([4.0, 8.0]))
+    block = jr.Block.from_parameters(
+        2 * np.pi / np.array([[1.5], [3.0]]), angles[None], one_sided=True
+    )
+    restitution = jr.one_sided_restitution(block)
+    response = jr.respond_batch(block, restitution, motion)
+    np.testing.assert_allclose(spectrum.margin, response.margin, rtol=1e-6)
+    np.testing.assert_allclose(spectrum.peak_rotation, response.peak_rotation, rtol=1e-6)
+    given = jr.rocking_spectrum(motion, 1.5, 4.0, [-0.5, 0.6], one_sided=True)
+    np.testing.assert_array_equal(given.restitution, [0.5, 0.6])
+    assert given.attrs["one_sided"] == spectrum.attrs["one_sided"] == 1
+    # No wall stops a stocky block by reversing it: it stays there.
+    stocky = jr.rocking_spectrum(jr.Sine(20.0, 0.5), 2.0, slenderness=1.2, one_sided=True)
+    assert stocky.impacts.values.item() == 1
+
+
+def test_overturning_spectrum_and_map():
+    block = jr.Block(0.2, 5.0, one_sided=True)
+    restitution = float(jr.one_sided_restitution(block))
+    found = jr.overturning_map(jr.Sine, [4.0], restitution=-0.9, one_sided=True)
+    assert found.attrs["restitution"] == 0.9
+    duration = 2 * np.pi / (4.0 * float(block.frequency_parameter))
+    boundaries = jr.critical_amplitude(block, 0.9, jr.Sine, duration)
+    uplift = 9.81 / 5.0
+    ratios = np.asarray(boundaries.value) / uplift
+    np.testing.assert_allclose(found.amplitude_ratio.values[0], ratios, rtol=1e-8)
+    # By a factor the first boundary differs from that of a free-standing block.
+    free = jr.overturning_map(jr.Sine, [4.0], restitution=0.9)
+    assert float(found.amplitude_ratio[0, 0]) > 1.1 * float(free.amplitude_ratio[0, 0])
+    edges = ratios[-1] * np.array([0.99, 1.01])
+    spectrum = jr.overturning_spectrum(jr.Sine, [4.0], edges, restitution=-0.9, one_sided=True)
+    np.testing.assert_array_equal(spectrum.overturned, [[0, 1]])
+    default = jr.overturning_spectrum(jr.Sine, [4.0], [3.0], one_sided=True)
+    pulse = jr.Sine(3.0 * uplift, duration)
+    expected = jr.respond_batch(block, restitution, pulse).peak_rotation
+    np.testing.assert_allclose(default.peak_rotation.values.item(), expected, rtol=1e-8)
+
+
+# Boundaries: a pulse whose second half pushes away from the wall
+
+PULSE = jr.Sine(-1.0, 0.5)
+SLENDER = jr.Block(0.1, 5.0, one_sided=True)
+
+
+def overturns(block, restitution, motion):
+    return np.asarray(jr.respond_batch(block, restitution, motion).overturned)
+
+
+def test_boundaries_along_every_quantity():
+    found = jr.overturning.critical_factor(SLENDER, C, PULSE)
+    free = jr.overturning.critical_factor(jr.Block(0.1, 5.0), -C, PULSE)
+    first = float(found.value[0])
+    # The first half pushes into the wall, and the second one meets a block at rest.
+    assert first < 0.7 * float(free.value[0])
+    np.testing.assert_array_equal(
+        overturns(SLENDER, C, PULSE.scaled(first * np.array([1 - 1e-6, 1 + 1e-6]))), [0, 1]
+    )
+    at_threshold = PULSE.scaled(first)
+    for along, value in (
+        ("width", 0.2),
+        ("height", 1.0),
+        ("half_width", 0.1),
+        ("slenderness", 5.0),
+        ("amplitude", -first),
+        ("duration", 0.5),
+    ):
+        ends = sorted([0.97 * value, 1.03 * value])
+        boundary = jr.overturning_boundaries(SLENDER, C, at_threshold, along, ends)
+        assert boundary.value.item() == pytest.approx(value, rel=1e-7), along
+    windows = jr.survival_windows(SLENDER, C, PULSE, [0.9 * first, 1.1 * first])
+    assert windows.first_overturning == pytest.approx(first, rel=1e-10)
+    lasting = jr.critical_duration(SLENDER, C, jr.Sine, -first, (0.4, 0.6))
+    assert lasting.value.item() == pytest.approx(0.5, rel=1e-7)
+
+
+def test_boundary_along_the_restitution():
+    """Up to 1 by its magnitude; the second half of a full sine meets a block that bounces."""
+    pulse = jr.Sine(1.0, 0.8).scaled(4.4)
+    magnitudes = np.linspace(0.05, 0.95, 10)
+    outcomes = overturns(SLENDER, magnitudes, pulse)
+    found = jr.overturning_boundaries(SLENDER, C, pulse, "restitution", magnitudes)
+    assert bool(found.overturns_first) == outcomes[0]
+    assert np.asarray(found.value).size % 2 == (outcomes[0] != outcomes[-1])
+
+
+def test_uplift_is_away_from_the_wall():
+    factor = jr.overturning.uplift_factor
+    assert np.isinf(factor(SLENDER, jr.HalfSine(-1.0, 0.5)))
+    assert float(factor(SLENDER, jr.HalfSine(1.0, 0.5))) == pytest.approx(9.81 / 5.0)
+    ramp = jr.Record([0.0, -3.0, 0.0, 2.0, 0.0], 0.1, [0.0, 0.0, 0.0, -1.0, 0.0])
+    assert float(factor(SLENDER, ramp)) == pytest.approx(9.81 / 5.0 / (2.0 + 0.2))
+
+
+# Sensitivities: the wall is there in every answer
+
+UNCERTAIN = jr.Uncertain({"restitution": 0.05, "width": 0.05}, samples=64)
+TOWARDS = jr.HalfSine(-4.0, 0.4)
+RANGES = {"restitution": (0.4, 0.5), "width": (0.7, 0.9)}
+
+
+def halve(value):
+    return 0.5 * np.asarray(value)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda scene: jr.sensitivities(jr.stabilized_period, scene).value,
+        lambda scene: jr.sensitivities(jr.stabilized_period, scene, sides=True).gradient,
+        lambda scene: jr.tornado(jr.stabilized_period, scene, RANGES).at_high,
+        lambda scene: (
+            jr.sensitivity.derivative_based_measures(
+                jr.stabilized_period, scene, RANGES, samples=16
+            ).mean_slope
+        ),
+        lambda scene: jr.sensitivity.propagate(jr.stabilized_period, scene, UNCERTAIN).mean,
+        lambda scene: jr.sensitivity.monte_carlo(jr.stabilized_period, scene, UNCERTAIN),
+        lambda scene: jr.value_and_slopes(jr.stabilized_period)(scene)[0],
+        lambda scene: jr.value_and_slopes(jr.stabilized_period)(scene)[1].restitution,
+    ],
+)
+def test_period_through_every_tool(ask):
+    wall = ask(jr.Scene(WALL, C, 0.3))
+    np.testing.assert_allclose(wall, halve(ask(jr.Scene(FREE, -C, 0.3))), rtol=1e-12)
+
+
+def test_failure_probability():
+    """That the period is above 0.7 s, which that of a free-standing block always is."""
+
+    def exceed(scene):
+        return 0.7 - jr.stabilized_period(scene)
+
+    answers = [
+        jr.sensitivity.failure_probability(exceed, jr.Scene(block, 0.47, 0.3), UNCERTAIN)
+        for block in (WALL, FREE)
+    ]
+    assert answers[0].probability < 0.2
+    assert answers[1].probability > 0.99
+
+
+def test_uncertain_blocks_keep_the_wall():
+    drawn = UNCERTAIN.draw(WALL, C)
+    assert drawn.block.one_sided
+    assert (np.asarray(drawn.restitution) > 0).all()
+    assert np.median(drawn.restitution) == pytest.approx(0.47, rel=0.02)
+
+
+def test_driven_answers_of_uncertain_blocks():
+    probabilities = jr.sensitivity.outcome_probabilities(
+        WALL, C, TOWARDS, UNCERTAIN, ratio=0.01
+    )
+    np.testing.assert_array_equal(probabilities.probability, 0)
+    bars = jr.sensitivity.driven_tornado(WALL, C, TOWARDS, RANGES)
+    np.testing.assert_array_equal([bars.at_low, bars.at_high], 0)
+    # The second half of a sine moves it: as a block made for the purpose.
+    pulse = jr.Sine(-4.0, 0.6)
+    bars = jr.sensitivity.driven_tornado(WALL, C, pulse, {"width": (0.7, 0.9)})
+    block = jr.Block.from_size(width=np.array([0.7, 0.9]), height=4.0, one_sided=True)
+    response = jr.respond_batch(block, C, pulse, pulse.end + 10.0)
+    ratios = np.asarray(response.peak_rotation / block.critical_angle)
+    np.testing.assert_allclose([bars.at_low[0], bars.at_high[0]], ratios, rtol=1e-6)
+    local = jr.sensitivity.local_dependence(WALL, C, pulse, UNCERTAIN)
+    step = 1e-4
+    block = jr.Block.from_size(
+        width=0.8 * (1 + np.array([0.0, -step, step])), height=4.0, one_sided=True
+    )
+    response = jr.respond_batch(block, C, pulse, pulse.end + 10.0, rtol=1e-12)
+    ratio, low, high = np.asarray(response.peak_rotation / block.critical_angle)
+    assert local.value == pytest.approx(ratio, rel=1e-7)
+    place = local.names.index("width")
+    assert local.derivatives[place] == pytest.approx((high - low) / (1.6 * step), rel=1e-4)
+
+
+# Fits, reports, pictures
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_free_rocking_is_fitted(model):
+    """Times between impacts with the decay of |C|, by trains: no impact law of this file."""
+    train = jr.respond_to_train(WALL, -0.8, [0.0], [0.7], model)
+    time = np.linspace(0, 6, 60001)
+    rotation, velocity = map(np.asarray, train.history(time))
+    assert (rotation >= 0).all()
+    thrown = np.flatnonzero((velocity[:-1] < 0) & (velocity[1:] > 0))[:12]
+    # Straight lines to the ground from both sides of an impact.
+    times = time[thrown] - rotation[thrown] / velocity[thrown]
+    fit = jr.fit_free_rocking(times, WALL, model=model)
+    assert float(fit.restitution) == pytest.approx(0.8, abs=1e-4)
+    assert fit.block.one_sided
+    tuned = jr.fit_free_rocking(times, WALL, model=model, frequency_known=False)
+    assert tuned.block.one_sided
+    peaks = [rotation[a:b].max() for a, b in itertools.pairwise(thrown)]
+    fit = jr.fit_free_rocking(None, WALL, peak_rotations=peaks, model=model)
+    assert float(fit.restitution) == pytest.approx(0.8, abs=1e-3)
+
+
+def test_assessment_names_the_wall():
+    answers, free = (jr.assess(jr.Scene(block, 0.47, 0.3)) for block in (WALL, FREE))
+    scene = answers["scene"]
+    assert scene["one_sided_restitution"] == float(jr.one_sided_restitution(WALL))
+    assert "housner_restitution" not in scene
+    text = jr.reports.assessment.write_text(answers)
+    assert "one-sided" in text
+    assert "restitution by the wall [-]" in text
+    assert "Housner" not in text
+    assert "wall" not in jr.reports.assessment.write_text(free)
+    for model in MODELS:
+        wall = answers["models"][model]
+        without = free["models"][model]
+        assert wall["single_pulse"] == without["single_pulse"]
+        period = wall["stabilized"]["period"]
+        assert period == pytest.approx(0.5 * without["stabilized"]["period"], rel=1e-12)
+
+
+def test_pictures_show_the_wall(tmp_path):
+    wall, free = (jr.plot.plot_block(block) for block in (WALL, FREE))
+    assert len(wall.patches) == len(free.patches) + 1
+    box = next(patch for patch in wall.patches if patch.get_hatch())
+    assert box.get_x() + box.get_width() == pytest.approx(-0.4)
+    resonance = jr.plot.plot_resonance(jr.Scene(WALL, C, 0.3), half_cycles=4)
+    assert resonance.lines[0].get_ydata().min() >= -1e-12
+    response = jr.respond(WALL, C, jr.Sine(4.0, 0.6), 3.0)
+    phase = jr.plot.plot_phase(response)
+    separatrix = [line for line in phase.lines if line.get_linestyle() == "--"]
+    assert min(line.get_xdata().min() for line in separatrix) >= 0
+    ground = jr.plot.plot_response(response).child_axes[0]
+    levels = [line for line in ground.lines if line.get_linestyle() == "-."]
+    assert len(levels) == 1
+    assert levels[0].get_ydata().min() > 0
+    jr.plot.animate(response, tmp_path / "facade.gif", span=(0.0, 0.3))
+    assert (tmp_path / "facade.gif").stat().st_size > 1000
+    plt.close("all")
