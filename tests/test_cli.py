@@ -20,7 +20,8 @@ from tools.selection import first_by_default
 import jaxrock as jr
 from jaxrock.cli import application, main
 from jaxrock.cli.answers import Answer, describe_options
-from jaxrock.cli.options import BlockOptions, MotionOptions, Output
+from jaxrock.cli.motion_options import MotionOptions, SuiteOptions
+from jaxrock.cli.options import BlockOptions, Output
 from jaxrock.host import announce
 
 TABLES = Path(__file__).parent / "tables"
@@ -409,6 +410,31 @@ def test_fragility(tmp_path, capsys):
         np.testing.assert_array_equal(dataset.exceedance, curves.exceedance)
     parts = json.loads(text)["dispersion_of_parameters"]
     assert len(parts) == 2
+
+
+def test_a_wall_and_a_floor_reach_the_library(capsys, tmp_path):
+    code, text, _ = run(
+        capsys,
+        *"respond --width 0.6 --height 6 --one-sided --record example --scale -1".split(),
+        *("--floor-period", 0.4, "--floor-damping", 0.1, "--json", "--out", tmp_path / "out"),
+    )
+    assert code == 0
+    block = jr.Block.from_size(width=0.6, height=6.0, one_sided=True)
+    motion = jr.example_record().on_floor(0.4, 0.1, time_step=0.02).scaled(-1.0)
+    expected = jr.respond(block, jr.one_sided_restitution(block), motion, motion.end + 10)
+    answer = json.loads(text)
+    assert answer["peak_rotation"] == pytest.approx(float(expected.peak_rotation), rel=1e-9)
+    with xarray.open_dataset(tmp_path / "out" / "response.nc") as dataset:
+        assert dataset.attrs["one_sided"] == 1
+        assert dataset.attrs["floor_period"] == 0.4
+        assert float(dataset.rotation.min()) >= 0
+    # Records come in both directions where the direction matters.
+    suite = SuiteOptions(floor_period=0.4)
+    assert suite.read_suite(one_sided=True).directions == 2
+    assert suite.read_suite().directions == 1
+    assert float(suite.read_suite().floor.damping) == pytest.approx(0.05)
+    reversed_suite = SuiteOptions(direction="reversed").read_suite(one_sided=True)
+    assert reversed_suite.names == tuple(f"{n} reversed" for n in jr.example_suite().names)
 
 
 def test_critical(capsys, tmp_path):

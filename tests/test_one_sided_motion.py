@@ -79,9 +79,7 @@ def test_records_against_independent_integration(name, vertical):
         motion = jr.Record(
             horizontal, record.time_step, up if vertical else None, scale=factor
         )
-        ground = stepping.record(
-            np.asarray(horizontal), up, float(record.time_step), scale[0]
-        )
+        ground = stepping.record(np.asarray(horizontal), up, float(record.time_step), scale[0])
         truth = stepping.follow(rocker, ground, rtol=1e-12)
         many = jr.respond_batch(FACADE, restitution, motion)
         response = jr.respond(FACADE, restitution, motion, rtol=1e-10)
@@ -114,7 +112,7 @@ def test_what_pushes_into_the_wall_moves_nothing():
 def test_velocity_is_reversed_and_the_side_stays():
     response = jr.respond(BOUNCY, -0.5, jr.Still(), 4.0, rotation=0.15)
     times = np.linspace(0, 4, 401)
-    rotation, velocity = response.history(times)
+    rotation, _ = response.history(times)
     assert np.min(rotation) >= 0
     assert np.max(rotation[times > float(response.impact_times[0])]) > 0.01
     # All impacts come from the same side, each with half the velocity of the one before.

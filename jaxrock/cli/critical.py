@@ -14,16 +14,8 @@ from ..validation import COUNT, NON_NEGATIVE, check
 from .answers import Answer, describe_options, list_rows, save_picture
 from .critical_motion import Quantity, find_limits, plan_search
 from .critical_pulses import UNITS_OF_LIMITS, compute_limits
-from .options import (
-    BlockOptions,
-    FileOutput,
-    Folder,
-    Grid,
-    ModelName,
-    MotionOptions,
-    read_numbers,
-    refuse,
-)
+from .motion_options import MotionOptions
+from .options import BlockOptions, FileOutput, Folder, Grid, ModelName, read_numbers, refuse
 
 _FILES = ("critical.csv", "critical.png")
 _UNITS = {

@@ -19,7 +19,8 @@ from ..overturning import (
     uplift_factor,
 )
 from .critical_pulses import Limits
-from .options import Grid, ModelName, MotionOptions, read_numbers, refuse
+from .motion_options import MotionOptions
+from .options import Grid, ModelName, read_numbers, refuse
 
 if TYPE_CHECKING:
     import matplotlib.axes

@@ -21,7 +21,8 @@ from ..sensitivity import (
 from ..tables import write_csv
 from ..validation import POSITIVE, check
 from .answers import Answer, list_rows, save_picture
-from .options import FileOutput, MotionOptions, read_records, refuse
+from .motion_options import MotionOptions, read_floor, read_records, turn_suite
+from .options import FileOutput, refuse
 from .sensitivity_question import UNITS_OF_PARAMETERS, Question
 
 _FILES = ("sensitivity.csv", "probabilities.csv", "probabilities.png")
@@ -82,7 +83,7 @@ def ask_driven(
     scale = options.factor
     at = question.at | {"scale": scale}
     if records is not None:
-        motion = _read_suite(options, records)
+        motion = _read_suite(options, records, question.block.one_sided)
     elif options.pulse is None:
         motion = options.read_unscaled()
     else:
@@ -103,14 +104,16 @@ def ask_driven(
     )
 
 
-def _read_suite(options: MotionOptions, records: str) -> Suite:
-    """Read the records of a folder, or take those of a name."""
+def _read_suite(options: MotionOptions, records: str, one_sided: bool) -> Suite:
+    """Read the records of a folder, or take those of a name; both directions if one-sided."""
     if options.given:
         motion = options.pulse or options.record
         raise ValueError(f"records exclude a pulse and a record, got {records} and {motion}")
     of_motion = ("amplitude", "pulse_duration", "column", "vertical")
     refuse("one motion", **{name: getattr(options, name) for name in of_motion})
-    return read_records(records, options.unit, options.time_step)
+    suite = read_records(records, options.unit, options.time_step)
+    floor = read_floor(options.floor_period, options.floor_damping)
+    return turn_suite(suite if floor is None else suite.on_floor(**floor), None, one_sided)
 
 
 def answer_driven(

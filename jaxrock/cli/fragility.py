@@ -20,6 +20,7 @@ from ..risk import (
 from ..sensitivity import Uncertain
 from ..validation import POSITIVE, check
 from .answers import Answer, describe_options, save_picture
+from .motion_options import SuiteOptions
 from .options import (
     BlockOptions,
     Count,
@@ -28,7 +29,6 @@ from .options import (
     Grid,
     ModelName,
     StoreOptions,
-    SuiteOptions,
     read_numbers,
     refuse,
 )
@@ -86,7 +86,7 @@ def fragility(
     options = dict(locals())
     block = block_options.block
     c = block_options.coefficient
-    suite = suite_options.read_suite()
+    suite = suite_options.read_suite(block.one_sided)
     thresholds = [_read_threshold(word) for word in threshold]
     name_thresholds(thresholds)
     check("tolerance", tolerance, POSITIVE)

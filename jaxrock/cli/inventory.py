@@ -12,7 +12,8 @@ from ..risk import Site, assess_inventory, read_inventory
 from ..tables import write_csv
 from ..validation import POSITIVE, check, check_increasing
 from .answers import Answer, describe_options, save_picture
-from .options import FileOutput, Folder, Grid, ModelName, SuiteOptions, read_numbers
+from .motion_options import SuiteOptions
+from .options import FileOutput, Folder, Grid, ModelName, read_numbers
 
 if TYPE_CHECKING:
     import xarray

@@ -14,7 +14,8 @@ from ..overturning import uplift_factor
 from ..tables import write_csv
 from ..validation import POSITIVE, check
 from .answers import Answer, describe_options, save_picture
-from .options import BlockOptions, FileOutput, Folder, ModelName, MotionOptions
+from .motion_options import MotionOptions
+from .options import BlockOptions, FileOutput, Folder, ModelName
 
 if TYPE_CHECKING:
     import xarray

@@ -28,16 +28,8 @@ from ..tables import write_csv
 from ..validation import NON_NEGATIVE, Number, Reals, check
 from .answers import Answer, describe_options, list_rows, save_picture
 from .driven_sensitivity import answer_driven, ask_driven
-from .options import (
-    MOTION,
-    BlockOptions,
-    Count,
-    FileOutput,
-    Folder,
-    ModelName,
-    MotionOptions,
-    refuse,
-)
+from .motion_options import MOTION, MotionOptions
+from .options import BlockOptions, Count, FileOutput, Folder, ModelName, refuse
 from .sensitivity_question import UNITS_OF_PARAMETERS, AnswerName, Question, ask
 
 _FILES = ("sensitivity.csv", "tornado.png", "map.png")

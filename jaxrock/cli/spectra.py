@@ -13,15 +13,8 @@ from ..spectra import resonance_spectrum
 from ..spectra import rocking_spectrum as compute_rocking_spectrum
 from ..validation import AT_LEAST_ONE, POSITIVE, check
 from .answers import Answer, describe_options, save_picture
-from .options import (
-    FileOutput,
-    Folder,
-    Grid,
-    RecordOptions,
-    StoreOptions,
-    read_numbers,
-    refuse,
-)
+from .motion_options import RecordOptions
+from .options import FileOutput, Folder, Grid, StoreOptions, read_numbers, refuse
 from .stores import write_store
 
 if TYPE_CHECKING:
@@ -39,6 +32,7 @@ def spectrum(
     intensity: Grid = (0.15,),
     gravity: float = 9.81,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
     model: Literal["linearized", "nonlinear", "auto"] = "linearized",
     tolerance: float | None = None,
     out: Folder | None = None,
@@ -67,6 +61,8 @@ def spectrum(
         Acceleration of gravity [m/s2].
     inertia_ratio
         Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
+    one_sided
+        The blocks stand against a wall, and rock away from it only.
     model
         Equation of free rocking; auto takes at each point the cheapest within the tolerance.
     tolerance
@@ -92,6 +88,7 @@ def spectrum(
         tolerance=relative_error,
         gravity=gravity,
         inertia_ratio=inertia_ratio,
+        one_sided=one_sided,
     )
 
     def answer(
@@ -128,6 +125,7 @@ def rocking_spectrum(
     slenderness: Grid = (4.0, 6.0, 8.0),
     restitution: Grid = (0.9,),
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
     record_options: RecordOptions = RecordOptions(),
     out: Folder | None = None,
     output: FileOutput = FileOutput(),
@@ -149,6 +147,8 @@ def rocking_spectrum(
         Velocity after an impact over velocity before it [-].
     inertia_ratio
         Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
+    one_sided
+        The blocks stand against a wall, and rock away from it only.
     out
         Folder to write to; made if it is missing. "rocking_spectrum" if not given.
     """
@@ -161,6 +161,7 @@ def rocking_spectrum(
         as_axis("slenderness", read_numbers("slenderness", slenderness)),
         as_axis("restitution", read_numbers("restitution", restitution)),
         inertia_ratio=inertia_ratio,
+        one_sided=one_sided,
     )
 
     def answer(dataset: "xarray.Dataset", files: Sequence[Path] = ()) -> Answer:

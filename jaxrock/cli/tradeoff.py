@@ -8,7 +8,8 @@ from ..grids import write_table
 from ..host import write_whole
 from ..resonance import Scene
 from .answers import Answer, describe_options, save_picture
-from .options import BlockOptions, FileOutput, Folder, MotionOptions
+from .motion_options import MotionOptions
+from .options import BlockOptions, FileOutput, Folder
 
 _FILES = ("tradeoff.nc", "tradeoff.csv", "tradeoff.png")
 

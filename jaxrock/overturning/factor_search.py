@@ -34,8 +34,8 @@ def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear(
     """Compute the factor on a motion from which on it lifts the block from rest.
 
     At some time the horizontal acceleration exceeds (g + vertical) tan(alpha_c), linearized
-    (g + vertical) alpha_c; of a one-sided block only the one that pushes away from the wall.
-    The factor multiplies both components.
+    (g + vertical) alpha_c, to either side, or away from the wall of a one-sided block. The
+    factor multiplies both components.
 
     Parameters
     ----------
@@ -71,8 +71,8 @@ def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear(
     if array := next((shape for shape in shapes if shape), None):
         raise ValueError(f"motion must be a single one, got an array of shape {array}")
     check("motion", motion, None)
-    needed, tangent = _describe_uplift(block, model)
-    return _divide_by_strength(needed, tangent, motion.bucketed(), block.one_sided)
+    uplift = _describe_uplift(block, model)
+    return _divide_by_strength(*uplift, motion.bucketed(), one_sided=block.one_sided)
 
 
 @elementwise(model=as_model)
@@ -84,7 +84,7 @@ def _describe_uplift(block: Block, model: ModelLike) -> tuple[Reals, Reals]:
 
 @eqx.filter_jit
 def _divide_by_strength(
-    needed: Reals, tangent: Reals, motion: Motion, one_sided: bool
+    needed: Reals, tangent: Reals, motion: Motion, *, one_sided: bool
 ) -> Reals:
     """Divide the acceleration that lifts by the largest that acts, of one motion."""
     # A block that is not allowed has NaN, with derivative zero: 1 stands in.
@@ -96,8 +96,8 @@ def _divide_by_strength(
     # The axes of blocks come first.
     shape = (1,) * needed.ndim + knots.shape
     push, lift = (x.reshape(shape) for x in motion.value(knots))
-    push = push if one_sided else abs(push)
-    strength = pick_largest(push - tangent[..., None] * lift)
+    outward = push if one_sided else abs(push)
+    strength = pick_largest(outward - tangent[..., None] * lift)
     lifts = strength > 0
     factor = jnp.where(lifts, needed / jnp.where(lifts, strength, 1), jnp.inf)
     return jnp.where(valid, factor, jnp.nan)

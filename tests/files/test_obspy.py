@@ -11,7 +11,7 @@ import pytest
 from tools.command import run
 
 import jaxrock as jr
-from jaxrock.cli.options import RecordOptions
+from jaxrock.cli.motion_options import RecordOptions
 from jaxrock.ground_motion.files.claims import make_claims
 from jaxrock.ground_motion.files.obspy_files import read_traces
 

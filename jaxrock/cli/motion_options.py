@@ -1,0 +1,244 @@
+"""Options of a ground motion that several commands have: a record, a pulse, a suite, a floor."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast
+
+from cyclopts import Group, Parameter
+
+from ..ground_motion import (
+    FEMA_SETS,
+    PULSES,
+    Motion,
+    Record,
+    Suite,
+    example_record,
+    example_suite,
+    fema_p695_suite,
+    read_record,
+    read_suite,
+)
+from ..risk import Hazard, read_hazard
+from ..validation import POSITIVE, check
+from .options import Grid, read_numbers, refuse
+
+# The panel of the help, below that of the block.
+MOTION = Group("Ground motion", sort_key=2)
+# Decorator of the classes below: their fields become options of a command.
+_OF_MOTION = Parameter(name="*", group=MOTION)
+# Samples of a floor's motion in a period, at least: lines between them miss 1 % of it.
+_SAMPLES_OF_PERIOD = 20
+
+PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
+Direction = Literal["recorded", "reversed", "both"]
+
+
+@_OF_MOTION
+@dataclass(frozen=True, kw_only=True)
+class RecordOptions:
+    """Options that describe a record."""
+
+    record: str | None = None
+    """A file of a record, such as .AT2 or .csv, or "example" for the one of jaxrock."""
+    unit: str | None = None
+    """Unit of the record: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if the file states none."""
+    column: str | None = None
+    """Column or channel of the horizontal acceleration, where a file has several."""
+    vertical: str | None = None
+    """Column or channel of the vertical acceleration, or another file with it."""
+    time_step: float | None = None
+    """Time between samples [s], where the file states none."""
+    scale: float | None = None
+    """Factor on the ground motion [-]; a negative one reverses it. 1 if not given."""
+    floor_period: float | None = None
+    """Period of the floor on which the block stands [s]. On the ground if not given."""
+    floor_damping: float | None = None
+    """Damping ratio of that floor [-]. 0.05 if not given."""
+
+    @property
+    def factor(self) -> float:
+        """The factor on the ground motion."""
+        return 1.0 if self.scale is None else self.scale
+
+    def read_unscaled(self) -> Motion:
+        """Read the record, by default the example, without the factor; on its floor."""
+        record = self._read_record()
+        floor = read_floor(self.floor_period, self.floor_damping)
+        return record if floor is None else record.on_floor(**floor)
+
+    def _read_record(self) -> Record:
+        """Read the record, by default the example, of the ground."""
+        if self.record not in (None, "example"):
+            return read_record(
+                self.record,
+                unit=self.unit,
+                column=self.column,
+                vertical=self.vertical,
+                time_step=self.time_step,
+            )
+        _refuse_stated_units('record "example" has its', self.unit, self.time_step)
+        column = self.column or "north"
+        if column not in ("north", "east") or self.vertical not in (None, "up"):
+            vertical = f" and {self.vertical!r}" if self.vertical else ""
+            raise ValueError(
+                'column of the record "example" must be north or east, and vertical up if'
+                f" given, got {column!r}{vertical}"
+            )
+        return example_record(column, vertical=self.vertical is not None)
+
+    def read(self) -> Motion:
+        """Read the motion, scaled."""
+        return self.read_unscaled().scaled(self.factor)
+
+    def refuse_all(self, only_with: str) -> None:
+        """Raise `ValueError` if any of these options is given."""
+        refuse(only_with, **vars(self))
+
+
+@_OF_MOTION
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions(RecordOptions):
+    """Options that describe a pulse or a record."""
+
+    pulse: PulseShape | None = None
+    """Shape of a pulse. Give this or a record."""
+    amplitude: float | None = None
+    """Largest acceleration of the pulse [m/s2]."""
+    pulse_duration: float | None = None
+    """Duration of the pulse [s]."""
+
+    @property
+    def given(self) -> bool:
+        """True if a pulse or a record is given."""
+        return self.pulse is not None or self.record is not None
+
+    def read_unscaled(self) -> Motion:
+        """Make the pulse, or read the record, without the factor."""
+        if self.pulse is None and self.record is None:
+            raise ValueError("pulse or record must be given, got neither")
+        if self.pulse is not None and self.record is not None:
+            raise ValueError(
+                f"pulse and record exclude each other, got {self.pulse} and {self.record}"
+            )
+        if self.pulse is None:
+            of_pulse = ("amplitude", "pulse_duration")
+            refuse("a pulse", **{name: getattr(self, name) for name in of_pulse})
+            return super().read_unscaled()
+        of_record = (
+            "unit",
+            "column",
+            "vertical",
+            "time_step",
+            "floor_period",
+            "floor_damping",
+        )
+        refuse("a record", **{name: getattr(self, name) for name in of_record})
+        if self.amplitude is None or self.pulse_duration is None:
+            of_pulse = ("amplitude", "pulse_duration")
+            missing = [name for name in of_pulse if getattr(self, name) is None]
+            raise ValueError(f"{' and '.join(missing)} must be given with a pulse")
+        return PULSES[self.pulse](self.amplitude, self.pulse_duration)
+
+
+@_OF_MOTION
+@dataclass(frozen=True, kw_only=True)
+class SuiteOptions:
+    """Options that describe a suite of records, and the hazard of a site."""
+
+    records: str = "example"
+    """A folder of records, "example" for twenty, or a set of FEMA P695, as fema-far-field."""
+    unit: str | None = None
+    """Unit of the records: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if files state none."""
+    time_step: float | None = None
+    """Time between samples [s], where files state none."""
+    with_vertical: bool = False
+    """Include the vertical component of each record."""
+    direction: Direction | None = None
+    """Direction of the records. Both for one-sided blocks, as recorded for others, if not given."""
+    floor_period: float | None = None
+    """Period of the floor on which objects stand [s]. On the ground if not given."""
+    floor_damping: float | None = None
+    """Damping ratio of that floor [-]. 0.05 if not given."""
+    hazard: Path | None = None
+    """A .csv file: columns of levels and rates per year, or a curve of OpenQuake or nshmp-haz."""
+    hazard_unit: str | None = None
+    """Unit of these levels: m/s, cm/s, m/s2, g ...; if the file states none."""
+    hazard_site: Grid | None = None
+    """Longitude and latitude of the curve, where the file has those of several sites [deg]."""
+
+    def read_suite(self, one_sided: bool = False) -> Suite:
+        """Read the records of a folder, or take those of a name; on their floor, in a direction."""
+        suite = read_records(self.records, self.unit, self.time_step, self.with_vertical)
+        floor = read_floor(self.floor_period, self.floor_damping)
+        if floor is not None:
+            suite = suite.on_floor(**floor)
+        return turn_suite(suite, self.direction, one_sided)
+
+    def read_hazard(self, measure: str) -> Hazard | None:
+        """Read the hazard, of this measure; None if none is given."""
+        if self.hazard is None:
+            refuse("a hazard", hazard_unit=self.hazard_unit, hazard_site=self.hazard_site)
+            return None
+        if measure not in ("pgv", "pga"):
+            raise ValueError(f"hazard goes with the measures pgv and pga, not {measure}")
+        site = None
+        if self.hazard_site is not None:
+            site = tuple(read_numbers("hazard_site", self.hazard_site))
+            if len(site) != 2:
+                words = " ".join(f"{value:g}" for value in site)
+                raise ValueError(
+                    f"hazard_site must be a longitude and a latitude, got {words}"
+                )
+        return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure, site=site)
+
+
+def read_floor(period: float | None, damping: float | None) -> dict[str, float] | None:
+    """Read a floor as the arguments of `on_floor`; None if there is none."""
+    if period is None:
+        refuse("a floor period", floor_damping=damping)
+        return None
+    check("floor_period", period, POSITIVE)
+    floor = {"period": period, "time_step": period / _SAMPLES_OF_PERIOD}
+    return floor if damping is None else {**floor, "damping": damping}
+
+
+def turn_suite(suite: Suite, direction: Direction | None, one_sided: bool) -> Suite:
+    """Turn the records of a suite; in both directions if none is given and blocks are one-sided.
+
+    The answers of free-standing blocks are the same in each direction.
+    """
+    if direction is None:
+        direction = "both" if one_sided else "recorded"
+    if direction == "recorded":
+        return suite
+    both = suite.both_directions()
+    return both if direction == "both" else cast("Suite", both[len(suite) :])
+
+
+def read_records(
+    records: str, unit: str | None, time_step: float | None, vertical: bool = False
+) -> Suite:
+    """Read the records of a folder, or take the suite of this name."""
+    fema_set = records.removeprefix("fema-")
+    is_fema = fema_set != records
+    if records != "example" and not (is_fema and fema_set in FEMA_SETS):
+        if is_fema and not Path(records).exists():
+            sets = ", ".join(f"fema-{name}" for name in FEMA_SETS)
+            raise ValueError(
+                f"records must be a folder, example, or one of {sets}, got {records!r}"
+            )
+        return read_suite(records, unit=unit, time_step=time_step, vertical=vertical)
+    _refuse_stated_units(f'records "{records}" have their', unit, time_step)
+    if records == "example":
+        return example_suite(vertical=vertical)
+    if vertical:
+        raise ValueError(f'records "{records}" have no vertical component')
+    return fema_p695_suite(fema_set)
+
+
+def _refuse_stated_units(example: str, unit: str | None, time_step: float | None) -> None:
+    """Raise `ValueError` for what records that come with jaxrock state themselves."""
+    options = {"--unit": unit, "--time-step": time_step}
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise ValueError(f"{example} unit and time step: leave out {' and '.join(given)}")
