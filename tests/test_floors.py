@@ -27,7 +27,9 @@ def solve_exactly(samples, step, period, damping, extra):
         # Displacement, velocity, acceleration of the ground and its rate of change.
         matrix = mpmath.zeros(4)
         matrix[0, 1] = matrix[2, 3] = 1
-        matrix[1, 0], matrix[1, 1], matrix[1, 2] = -(frequency**2), -decay, -1
+        matrix[1, 0] = -(frequency**2)
+        matrix[1, 1] = -decay
+        matrix[1, 2] = -1
         advance = mpmath.expm(matrix * mpmath.mpf(step), method="taylor")
         state = mpmath.zeros(4, 1)
         answer = [mpmath.mpf(0)]

@@ -26,6 +26,7 @@ from .floor import (
     Floor,
     compute_floor_motion,
     replace_motion,
+    require_finer_step,
     warn_of_coarse_step,
 )
 from .motion import Motion
@@ -308,6 +309,7 @@ class Record(Motion):
             time_step=time_step,
             free_vibration=free_vibration,
         )
+        require_finer_step(floor, self.time_step)
         motion = compute_floor_motion(self.acceleration, self.vertical, self.time_step, floor)
         warn_of_coarse_step(motion)
         return replace_motion(self, motion)
