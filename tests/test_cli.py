@@ -91,6 +91,9 @@ def read_wrong_commands():
 def write_inputs(folder):
     """Write the files that commands read."""
     (folder / "objects.csv").write_text("name,width [m],height [m]\nbust,0.4,1.6\n")
+    (folder / "facade.csv").write_text(
+        "name,width [m],height [m],one-sided,floor period [s]\nfacade,0.4,4,yes,0.3\n"
+    )
     (folder / "hazard.csv").write_text("pgv [m/s],rate [1/yr]\n0.1,2e-2\n1,1e-4\n")
     (folder / "times.csv").write_text("0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n")
 
