@@ -416,11 +416,10 @@ def test_fragility(tmp_path, capsys):
 
 
 def test_a_wall_and_a_floor_reach_the_library(capsys, tmp_path):
-    code, text, _ = run(
-        capsys,
-        *"respond --width 0.6 --height 6 --one-sided --record example --scale -1".split(),
-        *("--floor-period", 0.4, "--floor-damping", 0.1, "--json", "--out", tmp_path / "out"),
-    )
+    wall = ("--width", 0.6, "--height", 6, "--one-sided")
+    motion = ("--record", "example", "--scale", -1, "--floor-period", 0.4)
+    others = ("--floor-damping", 0.1, "--json", "--out", tmp_path / "out")
+    code, text, _ = run(capsys, "respond", *wall, *motion, *others)
     assert code == 0
     block = jr.Block.from_size(width=0.6, height=6.0, one_sided=True)
     motion = jr.example_record().on_floor(0.4, 0.1, time_step=0.02).scaled(-1.0)

@@ -11,9 +11,9 @@ from ..ground_motion import MEASURES
 from ..host import add_names, make_dataset
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..sensitivity import FloorFactors
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
 from .clopper_pearson import bound_probabilities
+from .drawn_objects import draw_objects
 from .exceedance import describe_suite, describe_variable
 from .hazard import Hazard, compute_return_periods
 from .inventory import Inventory
@@ -241,34 +241,9 @@ def _simulate_objects(
     """Simulate all objects and their samples, and sum rates, probabilities and curves."""
     objects = inventory.objects
     number = objects.number
-    rows = [(objects.block, objects.restitution)]
-    floors = None
-    owners = [np.arange(number)]
-    uncertain = inventory.uncertain
-    if uncertain is not None:
-        has_floor = site.suite.floor is not None
-        draws = uncertain.draw(objects.block, objects.restitution, on_floor=has_floor)
-        # An object of which nothing is uncertain has no samples: its median is all.
-        has_samples = np.ptp(draws.restitution, axis=-1) > 0
-        for leaf in jax.tree.leaves((draws.block, draws.floor)):
-            has_samples |= np.ptp(leaf, axis=-1) > 0
-        drawn = jax.tree.map(
-            lambda leaf: leaf[has_samples].reshape(-1), (draws.block, draws.restitution)
-        )
-        rows.append(drawn)
-        if draws.floor is not None:
-            ones = np.ones(number)
-            floors = FloorFactors(
-                *(
-                    np.concatenate([ones, part[has_samples].reshape(-1)])
-                    for part in draws.floor
-                )
-            )
-        owners.append(np.repeat(np.flatnonzero(has_samples), uncertain.samples))
-    block, restitution = jax.tree.map(lambda *leaves: np.concatenate(leaves), *rows)
-    owner = np.concatenate(owners)
+    drawn = draw_objects(objects, inventory.uncertain, site.suite)
     cases, overturned, rates = simulate_samples(
-        objects, block, restitution, site, model, _ACCURACY, floors
+        objects, drawn.block, drawn.restitution, site, model, _ACCURACY, drawn.floors
     )
     levels = np.asarray(site.levels)
     at_reported = tabulate_outcomes(cases, reported)
@@ -278,7 +253,7 @@ def _simulate_objects(
     separate = []
     remarks = []
     for k in range(number):
-        (samples,) = np.nonzero(owner == k)
+        (samples,) = np.nonzero(drawn.owner == k)
         # The median stands first. Of samples it is not one.
         samples = samples[1:] if samples.size > 1 else samples
         outcomes = overturned[:, samples]
