@@ -456,6 +456,8 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
         )
         site = jr.Site(motions, noise_site.hazard, levels=noise_site.levels)
         expected = assess_inventory(alone, site, NOISE_TARGET)
+        rate = jr.overturning_rate(alone.block, alone.restitution, site, alone.uncertain).rate
+        np.testing.assert_allclose(mixed.rate.sel(object=list(alone.names)), rate, rtol=1e-3)
         for name in alone.names:
             answer = mixed.sel(object=name)
             for variable in set(expected.data_vars) - {"remark", "one_sided"}:
