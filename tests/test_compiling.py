@@ -84,6 +84,10 @@ CALLS = {
     "Sine": lambda k: (pulse(k).horizontal(0.1 + k), pulse(k).shifted(k).scaled(k).knots()),
     "Cosine": lambda k: pulse(k, jr.Cosine).horizontal(0.1 + k),
     "HalfSine": lambda k: pulse(k, jr.HalfSine).intensity,
+    "Floor": lambda k: (
+        record(seed=k).on_floor(1.0 + 0.1 * k, 0.05, [1.2 + k]),
+        suite(k).on_floor(1.0 + 0.1 * k).both_directions().measure("pga"),
+    ),
     "Harmonic": lambda k: (
         jr.Harmonic(3.0 + 0.1 * k, 8.0).shifted(k).scaled(k).horizontal(0.1 + k)
     ),

@@ -69,7 +69,7 @@ def test_draws_are_a_net_of_the_distributions_asked_for():
 @float64
 def test_drawn_sides_leave_the_other_side():
     uncertain = jr.Uncertain({"width": 0.1, "inertia_ratio": 0.02})
-    blocks, c, z = uncertain.draw(BLOCK, 0.8)
+    blocks, c, z, _ = uncertain.draw(BLOCK, 0.8)
     assert z.shape == (64, 2)
     np.testing.assert_allclose(2 * blocks.half_width * blocks.slenderness, 0.8, rtol=1e-12)
     assert np.ptp(blocks.half_width) > 0.01

@@ -138,6 +138,13 @@ def test_suites(capsys):
     assert "restitution" in printed
 
 
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_floors(capsys):
+    namespace, _ = run("floors", capsys)
+    assert max(namespace["rates"]) > 1.5 * namespace["rates"][0]
+
+
 @pytest.mark.thorough
 @pytest.mark.float64
 def test_as_much_model_as_required(capsys):
@@ -165,7 +172,7 @@ def test_inverse_design(capsys):
 def test_all_code_is_run_by_a_test():
     tested = {"README", "getting_started", "records", "paper", "sharp_edges", "calibration"}
     tested |= {"suites", "driven_motion", "concepts", "sensitivities", "many_devices"}
-    tested |= {"architecture", "conformance", "one_sided"}
+    tested |= {"architecture", "conformance", "floors", "one_sided"}
     assert {page for page in TEXTS if code(page)} == tested
 
 

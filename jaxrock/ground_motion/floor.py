@@ -2,9 +2,10 @@
 
 import math
 import warnings
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -22,14 +23,18 @@ from ..validation import (
     as_array,
     as_field,
     as_real,
+    carries_unit,
     check,
     choose_namespace,
+    convert_to_si,
     is_traced,
     quantity,
     replace_invalid,
     unify_precision,
 )
 from .oscillator_response import compute_absolute_accelerations
+
+_Record = TypeVar("_Record", bound=Checked)
 
 # Ten times critical damping is beyond any building, and within what the recursion is exact for.
 _DAMPING = Domain("between 0 and 10", lambda ratio: (ratio >= 0) & (ratio <= 10), 0.05)
@@ -64,8 +69,8 @@ class Floor(Printed, Checked):
     period: Reals = quantity(POSITIVE, "s")
     damping: Reals = quantity(_DAMPING, "")
     participation: Reals = quantity(FINITE, "")
-    time_step: float | None = eqx.field(static=True)
-    free_vibration: float | None = eqx.field(static=True)
+    time_step: float | None = eqx.field(static=True, default=None)
+    free_vibration: float | None = eqx.field(static=True, default=None)
 
     def __init__(
         self,
@@ -98,43 +103,50 @@ class Floor(Printed, Checked):
         shape = np.broadcast_shapes(*shapes)
         return shape[:-1] if self.participation.ndim else shape
 
-    def require_finer_step(self, time_step: Reals) -> None:
-        """Raise `ValueError` if the time step is given, and longer than one [s] of a record."""
-        if self.time_step is None or is_traced(time_step):
-            return
-        step = float(np.max(np.asarray(time_step)))
-        if self.time_step > step * (1 + _ROUNDING):
-            raise ValueError(
-                f"time_step must be at most that of the record, {step:g} s, got"
-                f" {self.time_step:g} s"
-            )
-
-    def multiply(self, period_factor: Numbers, damping_factor: Numbers) -> "Floor":
-        """Multiply the periods and dampings of all modes; one floor for each factor."""
-        factors = [np.asarray(factor) for factor in (period_factor, damping_factor)]
-        if self.participation.ndim:
-            factors = [factor[..., None] for factor in factors]
-        return Floor(
-            np.asarray(self.period) * factors[0],
-            np.asarray(self.damping) * factors[1],
-            self.participation,
-            time_step=self.time_step,
-            free_vibration=self.free_vibration,
-        )
-
 
 def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
     """Read a time [s] on which the number of samples depends; None if it is not given."""
     if value is None:
         return None
-    time = as_real(name, value, unit="s")
-    if is_traced(time) or time.ndim:
-        shape = "traced" if is_traced(time) else f"an array of shape {time.shape}"
+    if carries_unit(value):
+        value = convert_to_si(name, value, "s")
+    if is_traced(value) or np.ndim(value):
+        kind = "traced" if is_traced(value) else f"an array of shape {np.shape(value)}"
         raise ValueError(
-            f"{name} must be one number, on which the number of samples depends, got {shape}"
+            f"{name} must be one number, on which the number of samples depends, got {kind}"
         )
+    if not isinstance(value, int | float | np.ndarray | np.generic | jax.Array):
+        as_real(name, value)  # raises, and says what it is
+    # No array of JAX: within a transformation it would be traced.
+    time = float(value)
     check(name, time, domain)
-    return float(time)
+    return time
+
+
+def require_finer_step(floor: Floor, time_step: Reals) -> None:
+    """Raise `ValueError` if a floor has a time step that is longer than one [s] of a record."""
+    if floor.time_step is None or is_traced(time_step):
+        return
+    step = float(np.max(np.asarray(time_step)))
+    if floor.time_step > step * (1 + _ROUNDING):
+        raise ValueError(
+            f"time_step must be at most that of the record, {step:g} s, got"
+            f" {floor.time_step:g} s"
+        )
+
+
+def multiply_floor(floor: Floor, period_factor: Numbers, damping_factor: Numbers) -> Floor:
+    """Multiply the periods and dampings of all modes; one floor for each factor."""
+    factors = [np.asarray(factor) for factor in (period_factor, damping_factor)]
+    if floor.participation.ndim:
+        factors = [factor[..., None] for factor in factors]
+    return Floor(
+        np.asarray(floor.period) * factors[0],
+        np.asarray(floor.damping) * factors[1],
+        floor.participation,
+        time_step=floor.time_step,
+        free_vibration=floor.free_vibration,
+    )
 
 
 class FloorMotion(NamedTuple):
@@ -152,9 +164,9 @@ class FloorMotion(NamedTuple):
         Time step [s] with which it would be `_MISSED`.
     """
 
-    acceleration: Reals
-    vertical: Reals | None
-    time_step: Reals
+    acceleration: AnyArray
+    vertical: AnyArray | None
+    time_step: AnyArray
     missed: float
     sufficient_step: float
 
@@ -163,76 +175,74 @@ def compute_floor_motion(
     acceleration: Reals, vertical: Reals | None, time_step: Reals, floor: Floor
 ) -> FloorMotion:
     """Compute the motion of a floor under the samples of a record; see `Record.on_floor`."""
-    floor, valid = replace_invalid(floor) if is_traced(floor) else (floor, True)
-    numbers = (
-        acceleration,
-        vertical,
-        time_step,
-        (floor.period, floor.damping, floor.participation),
-    )
-    traced = is_traced(numbers)
-    # The precision that JAX promotes all to together; concrete values are computed in float64.
+    numbers = (acceleration, vertical, time_step, floor)
+    # The precision that JAX promotes all to together.
     unified = unify_precision(numbers)
-    dtype = unified[0].dtype
-    if traced:
-        acceleration, vertical, time_step, modes = unified
-    else:
-        acceleration, vertical, time_step = (
-            None if value is None else np.asarray(value, float) for value in numbers[:3]
+    if not is_traced(numbers):
+        # In float64, and rounded once.
+        dtype = unified[0].dtype
+        host = jax.tree.map(lambda leaf: np.asarray(leaf, float), numbers)
+        components, missed = _filter_samples(*host)
+        motion, upward, step = jax.tree.map(
+            lambda leaf: as_array(np.asarray(leaf, dtype)), components
         )
-        modes = [np.asarray(value, float) for value in numbers[3]]
+        return FloorMotion(motion, upward, step, *missed)
+    guarded, valid = replace_invalid(unified[3])
+    (motion, upward, step), missed = _filter_samples(*unified[:3], guarded)
+    if not isinstance(valid, bool):
+        of_floors = valid.all(axis=-1) if floor.participation.ndim else valid
+        motion = jnp.where(of_floors[..., None], motion, jnp.nan)
+    return FloorMotion(motion, upward, step, *missed)
+
+
+_Components = tuple[AnyArray, AnyArray | None, AnyArray]
+
+
+def _filter_samples(
+    acceleration: AnyArray, vertical: AnyArray | None, time_step: AnyArray, floor: Floor
+) -> tuple[_Components, tuple[float, float]]:
+    """Filter samples; both components and the time step, and what lines between them miss."""
+    modes: list[AnyArray] = [floor.period, floor.damping, floor.participation]
+    if not floor.participation.ndim:
+        # One mode; other axes are floors.
+        modes = [value[..., None] for value in modes]
     division = _choose_division(time_step, floor.time_step)
     acceleration = _interpolate_samples(acceleration, division)
-    time_step = time_step / division
+    library = choose_namespace((acceleration, time_step, modes))
+    time_step = library.asarray(time_step / division)
     last = acceleration.shape[-1] - 1
     extension = _choose_extension(last, time_step, floor.free_vibration)
-    period, damping, participation = (
-        modes if floor.participation.ndim else [value[..., None] for value in modes]
+    # All of one rank: the leading axes, then the modes, then the samples.
+    steps = time_step[..., None]
+    shapes = [value.shape for value in (acceleration[..., :1], steps, *modes)]
+    shape = np.broadcast_shapes(*shapes)
+    steps, period, damping, participation = (
+        library.broadcast_to(value, shape) for value in (steps, *modes)
     )
-    library = choose_namespace(numbers)
-    # All of one rank: the leading axes, then the modes.
-    shape = np.broadcast_shapes(
-        (*time_step.shape, 1),
-        (*acceleration.shape[:-1], 1),
-        period.shape,
-        damping.shape,
-        participation.shape,
-    )
-    ratio = library.broadcast_to(time_step[..., None], shape) / library.broadcast_to(
-        period, shape
-    )
-    damping = library.broadcast_to(damping, shape)
-    participation = library.broadcast_to(participation, shape)
-    missing = len(shape) - acceleration.ndim
-    ground = acceleration.reshape(*[1] * missing, *acceleration.shape)
-    of_modes = compute_absolute_accelerations(
-        ground[..., None, :], 2 * math.pi * ratio, damping, extension
-    )
-    padding = [(0, 0)] * (ground.ndim - 1) + [(0, extension)]
-    ground = library.pad(ground, padding)
-    weighted = participation[..., None] * of_modes
-    with_ground = (1 - participation.sum(axis=-1))[..., None] * ground
-    motion = with_ground + weighted.sum(axis=-2)
+    x = 2 * math.pi * steps / period
+    missing = [1] * (len(shape) - acceleration.ndim)
+    ground = acceleration.reshape(*missing, *acceleration.shape[:-1], 1, last + 1)
+    of_modes = compute_absolute_accelerations(ground, x, damping, extension)
+    ground = _extend(ground, extension)
+    without_modes = (1 - participation.sum(axis=-1))[..., None]
+    motion = without_modes * ground[..., 0, :]
+    motion = motion + (participation[..., None] * of_modes).sum(axis=-2)
     missed = (0.0, math.inf)
-    if traced:
-        if valid is not True:
-            of_floors = valid.all(axis=-1) if floor.participation.ndim else valid
-            motion = jnp.where(of_floors[..., None], motion, jnp.nan)
-    else:
+    if isinstance(motion, np.ndarray):
         if floor.free_vibration is None:
             motion = motion[..., : _find_end(motion, last)]
-        relative = participation[..., None] * (of_modes - ground[..., None, :])
-        missed = _estimate_missed(relative, motion, 2 * math.pi * ratio, time_step)
+        relative = participation[..., None] * (of_modes - ground)
+        missed = _estimate_missed(relative, motion, x, steps)
     if vertical is not None:
         vertical = _interpolate_samples(vertical, division)
-        padding = [(0, 0)] * (vertical.ndim - 1) + [(0, motion.shape[-1] - last - 1)]
-        vertical = library.pad(vertical, padding)
-    arrays = (motion, vertical, time_step)
-    if not traced:
-        arrays = (
-            None if value is None else as_array(np.asarray(value, dtype)) for value in arrays
-        )
-    return FloorMotion(*arrays, *missed)
+        vertical = _extend(vertical, motion.shape[-1] - last - 1)
+    return (motion, vertical, time_step), missed
+
+
+def _extend(samples: AnyArray, extension: int) -> AnyArray:
+    """Add zeros behind the last sample."""
+    padding = [(0, 0)] * (samples.ndim - 1) + [(0, extension)]
+    return choose_namespace(samples).pad(samples, padding)
 
 
 def _choose_division(time_step: AnyArray, longest: float | None) -> int:
@@ -285,7 +295,7 @@ def _find_end(motion: np.ndarray, last: int) -> int:
 
 
 def _estimate_missed(
-    relative: np.ndarray, motion: np.ndarray, x: np.ndarray, time_step: np.ndarray
+    relative: AnyArray, motion: AnyArray, x: AnyArray, steps: AnyArray
 ) -> tuple[float, float]:
     """Estimate which part of the peak straight lines between samples miss.
 
@@ -297,11 +307,22 @@ def _estimate_missed(
     peak = abs(motion).max(axis=-1)[..., None]
     part = amplitude / np.where(peak > 0, peak, np.inf)
     missed = np.minimum(x**2 / 8, 1) * part
-    worst = np.argmax(missed)
-    steps = np.broadcast_to(time_step[..., None], missed.shape)
+    worst = int(np.argmax(missed))
     with np.errstate(divide="ignore"):
         sufficient = steps / x * np.sqrt(8 * _MISSED / part)
-    return float(missed.flat[worst]), float(sufficient.flat[worst])
+    return float(np.ravel(missed)[worst]), float(np.ravel(sufficient)[worst])
+
+
+def replace_motion(record: _Record, motion: FloorMotion) -> _Record:
+    """Replace both components of a record and the time step by those of a floor."""
+    # By `tree_at`, which checks nothing: rows of samples of floors are no table. A vertical
+    # component of None is no leaf, but stays what it is.
+    return eqx.tree_at(
+        lambda record: (record.acceleration, record.vertical, record.time_step),
+        record,
+        (motion.acceleration, motion.vertical, motion.time_step),
+        is_leaf=lambda leaf: leaf is None,
+    )
 
 
 def warn_of_coarse_step(motion: FloorMotion, name: str = "") -> None:
@@ -312,8 +333,9 @@ def warn_of_coarse_step(motion: FloorMotion, name: str = "") -> None:
     unit = 10.0 ** (math.floor(math.log10(motion.sufficient_step)) - 1)
     step = math.floor(motion.sufficient_step / unit * (1 + _ROUNDING)) * unit
     record = f" under record {name!r}" if name else ""
+    apart = float(np.max(np.asarray(motion.time_step)))
     warnings.warn(
-        f"straight lines between samples {float(motion.time_step.max()):g} s apart miss up to"
+        f"straight lines between samples {apart:g} s apart miss up to"
         f" {100 * motion.missed:.2g} % of the peak of the floor{record};"
         f" time_step={step:.2g} would do",
         stacklevel=4,  # past the method, and what Equinox calls it by

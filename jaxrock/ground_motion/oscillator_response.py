@@ -66,9 +66,10 @@ def _sum_series(x: AnyArray, damping: AnyArray) -> StepCoefficients:
     term = 1 + 0 * x
     impulse = step = ramp = 0 * x
     for order in range(1, _TERMS):
-        impulse = impulse + term / math.factorial(order)
-        step = step + term / math.factorial(order + 1)
-        ramp = ramp + term / math.factorial(order + 2)
+        factorial = float(math.factorial(order))
+        impulse = impulse + term / factorial
+        step = step + term / (factorial * (order + 1))
+        ramp = ramp + term / (factorial * (order + 1) * (order + 2))
         following = -part * decay * term - part * part * square * before
         before = term
         term = following
@@ -169,10 +170,10 @@ def _compute_block_response(x: AnyArray, damping: AnyArray) -> _BlockResponse:
     # Four motions at once: a displacement, a velocity, a sample at the beginning of the first
     # step, and one at the end of it, which is at the beginning of the second one.
     zero = library.zeros_like(square)
-    one = zero + 1
+    unit = zero + 1
     state = (
-        library.concatenate([one, zero, zero, zero], axis=-1),
-        library.concatenate([zero, one, zero, zero], axis=-1),
+        library.concatenate([unit, zero, zero, zero], axis=-1),
+        library.concatenate([zero, unit, zero, zero], axis=-1),
     )
     left = library.zeros((_BLOCK, 4), x.dtype)
     right = library.zeros((_BLOCK, 4), x.dtype)

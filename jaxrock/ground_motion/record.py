@@ -22,7 +22,13 @@ from ..validation import (
     is_traced,
     quantity,
 )
-from .floor import Floor, FloorMotion, compute_floor_motion, warn_of_coarse_step
+from .floor import (
+    Floor,
+    compute_floor_motion,
+    replace_motion,
+    require_finer_step,
+    warn_of_coarse_step,
+)
 from .motion import Motion
 from .samples import integrate_samples, interpolate, refuse_times
 from .units import require_unit
@@ -303,19 +309,10 @@ class Record(Motion):
             time_step=time_step,
             free_vibration=free_vibration,
         )
+        require_finer_step(floor, self.time_step)
         motion = compute_floor_motion(self.acceleration, self.vertical, self.time_step, floor)
         warn_of_coarse_step(motion)
-        return self.replace_motion(motion)
-
-    def replace_motion(self, motion: FloorMotion) -> "Record":
-        """Replace both components and the time step; what has been computed is not checked."""
-        # A vertical component of None is no leaf, but stays what it is.
-        return eqx.tree_at(
-            lambda record: (record.acceleration, record.vertical, record.time_step),
-            self,
-            (motion.acceleration, motion.vertical, motion.time_step),
-            is_leaf=lambda leaf: leaf is None,
-        )
+        return replace_motion(self, motion)
 
 
 def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:

@@ -22,7 +22,7 @@ from ..validation import (
     check_kind,
     is_traced,
 )
-from .floor import Floor, compute_floor_motion, warn_of_coarse_step
+from .floor import Floor, compute_floor_motion, replace_motion, warn_of_coarse_step
 from .intensity import intensity_measure
 from .record import Record
 from .reversal import find_directions, reverse_record
@@ -296,7 +296,9 @@ class Suite(Printed, eqx.Module):
         --------
         >>> import jaxrock as jr
         >>> suite = jr.example_suite()[:2].on_floor(period=0.4, damping=0.05)
-        >>> print(suite.measure("pga"), suite.ground.measure("pga"))
+        >>> on_floor = jr.Suite(suite.records)  # without its ground
+        >>> print(suite.measure("pga").round(1), on_floor.measure("pga").round(1))
+        [2.5 2.5] [5.5 3.7]
         """
         if self.ground is not None:
             raise ValueError(f"suite must be on the ground to be put on a floor, got {self}")
@@ -320,43 +322,11 @@ class Suite(Printed, eqx.Module):
         warn_of_coarse_step(motions[worst], self.names[worst])
         pairs = zip(self.records, motions, strict=True)
         return Suite(
-            [record.replace_motion(motion) for record, motion in pairs],
+            [replace_motion(record, motion) for record, motion in pairs],
             self.names,
             ground=self,
             floor=floor,
             directions=self.directions,
-        )
-
-    def vary_floor(
-        self, period_factor: Numbers, damping_factor: Numbers
-    ) -> tuple[Record, ...]:
-        """Compute the motions of floors whose periods and dampings are multiplied by factors.
-
-        Parameters
-        ----------
-        period_factor, damping_factor : array_like, shape (floors,)
-            Greater than 0, at least 0 [-].
-
-        Returns
-        -------
-        tuple of Record
-            One for each record, whose samples have an axis of floors.
-
-        Raises
-        ------
-        ValueError
-            If the suite is not on a floor that is known, or a factor is out of range.
-        """
-        if self.ground is None or self.floor is None:
-            raise ValueError(f"suite must be on a floor, got {self}")
-        floors = self.floor.multiply(period_factor, damping_factor)
-        return tuple(
-            record.replace_motion(
-                compute_floor_motion(
-                    record.acceleration, record.vertical, record.time_step, floors
-                )
-            )
-            for record in self.ground.records
         )
 
     def both_directions(self) -> "Suite":
@@ -378,7 +348,8 @@ class Suite(Printed, eqx.Module):
         Examples
         --------
         >>> import jaxrock as jr
-        >>> print(jr.example_suite().both_directions())
+        >>> print(jr.example_suite().both_directions().names[::20])
+        ('anchorage_2018_delaney_park east', 'anchorage_2018_delaney_park east reversed')
         """
         if self.directions == 2:
             raise ValueError(f"suite must be in one direction, got {self}")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..driven import RecordVariants
-from ..ground_motion import Suite
+from ..ground_motion import Suite, vary_floor
 from ..sensitivity import FloorFactors
 
 
@@ -25,5 +25,5 @@ def vary_motions(suite: Suite, floors: FloorFactors | None) -> Suite | RecordVar
     # Objects share the floors of samples: each is filtered once.
     pairs = np.stack([np.ravel(factors) for factors in floors], axis=-1)
     different, which = np.unique(pairs, axis=0, return_inverse=True)
-    records = suite.vary_floor(*different.T)
+    records = vary_floor(suite, *different.T)
     return RecordVariants(records, which.reshape(np.shape(floors.period)).astype(float))

@@ -49,7 +49,9 @@ def bound_not_detected(overturned: AnyArray, rates: AnyArray, directions: int = 
     """
     if directions > 1:
         parts = split_directions(overturned, directions)
-        return sum(bound_not_detected(part, rates) for part in parts) / directions
+        library = choose_namespace((overturned, rates))
+        bounds = library.stack([bound_not_detected(part, rates) for part in parts])
+        return library.asarray(bounds.mean(axis=0))
     library = choose_namespace((overturned, rates))
     windows = estimate_windows(overturned, rates)
     # Without any level alone both are 0, and yet windows may have been missed: up to three,
@@ -89,9 +91,9 @@ def estimate_windows(
         parts = [
             estimate_windows(part, rates) for part in split_directions(overturned, directions)
         ]
-        return WindowEstimate(
-            *(sum(values) / directions for values in zip(*parts, strict=True))
-        )
+        library = choose_namespace((overturned, rates))
+        stacked = [library.stack(values) for values in zip(*parts, strict=True)]
+        return WindowEstimate(*(library.asarray(values.mean(axis=0)) for values in stacked))
     library = choose_namespace((overturned, rates))
     # Levels alone in their window: the outcome differs from the one before and the one after.
     changed = overturned[..., 1:] != overturned[..., :-1]

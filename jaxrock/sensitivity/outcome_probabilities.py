@@ -251,23 +251,21 @@ def outcome_probabilities(
     indices = [part * np.concatenate([[[1.0]], blank]) for part in indices]
     # The directions of a record count as one record, by their mean.
     directions = motion.directions if isinstance(motion, Suite) else 1
+    by_recording = [np.asarray(average_directions(part, directions)) for part in outcomes]
     names = uncertain.names
     scores = compute_scores(names, median, coefficient, z[0])
     derivatives = [
         np.array(parts) * blank
         for score in scores
         for parts in zip(
-            *(
-                compute_derivatives(average_directions(outcome, directions), score)
-                for outcome in outcomes
-            ),
+            *(compute_derivatives(outcome, score) for outcome in by_recording),
             strict=True,
         )
     ]
     by_record = outcomes.mean(axis=2).T
     intervals = [
         compute_interval(probabilities, samples, confidence)
-        for probabilities in average_directions(by_record, directions).T
+        for probabilities in (outcome.mean(axis=1) for outcome in by_recording)
     ]
     low, high = np.array(intervals).T
     words = ("rocks", f"exceeds {float(ratio):g}", "overturns")

@@ -172,8 +172,9 @@ class Uncertain(Printed, eqx.Module):
         ValueError
             If a name is none of the parameters, or is of a floor and there is none; if both
             descriptions of a size are mixed; if there are more axes than one, or not a
-            coefficient for each object; if an inertia ratio falls below 1; if the coefficient of a restitution is too large: not 0 at a
-            median of 1, or such that the density has two peaks.
+            coefficient for each object; if an inertia ratio falls below 1; if the coefficient
+            of a restitution is too large: not 0 at a median of 1, or such that the density has
+            two peaks.
 
         Examples
         --------

@@ -1,0 +1,338 @@
+"""Records and suites on a floor of a building, and suites in both directions."""
+
+import warnings
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+import scipy.signal
+from scenes import record, suite
+
+import jaxrock as jr
+
+NOISE = np.random.default_rng(3).standard_normal(70)  # does not begin or end at rest
+STEP = 0.02
+EXTRA = 30  # samples of free vibration
+BLOCK = jr.Block.from_size(width=0.3, height=1.2)
+HAZARD = jr.Hazard([0.2, 1.0, 4.0], [1e-2, 1e-3, 1e-5])
+
+
+def solve_exactly(samples, step, period, damping, extra):
+    """Absolute acceleration of an oscillator, by the exponential of a matrix in many digits."""
+    frequency = 2 * mpmath.pi / mpmath.mpf(period)
+    decay = 2 * mpmath.mpf(damping) * frequency
+    with mpmath.workdps(60 + 4 * int(abs(mpmath.log10(frequency * step)) + 10)):
+        # Displacement, velocity, acceleration of the ground and its rate of change.
+        matrix = mpmath.zeros(4)
+        matrix[0, 1] = matrix[2, 3] = 1
+        matrix[1, 0] = -(frequency**2)
+        matrix[1, 1] = -decay
+        matrix[1, 2] = -1
+        advance = mpmath.expm(matrix * mpmath.mpf(step), method="taylor")
+        state = mpmath.zeros(4, 1)
+        answer = [mpmath.mpf(0)]
+        ground = [mpmath.mpf(float(value)) for value in samples]
+        for k in range(len(ground) - 1 + extra):
+            inside = k < len(ground) - 1
+            state[2] = ground[k] if inside else 0
+            state[3] = (ground[k + 1] - ground[k]) / mpmath.mpf(step) if inside else 0
+            state = advance * state
+            answer.append(-(frequency**2) * state[0] - decay * state[1])
+        return np.array([float(value) for value in answer])
+
+
+@pytest.fixture
+def without_remarks():
+    """Of steps that are too coarse, where they are no question."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="straight lines between samples")
+        yield
+
+
+@pytest.mark.usefixtures("without_remarks")
+@pytest.mark.parametrize("ratio", [1e-3, 0.3, 2.0, 3.1, 3.2, 50.0, 1e6])
+def test_a_floor_is_exact(ratio, eps):
+    """Far below and far above the time step, through critical damping; also where traced."""
+    time_step = float(jnp.asarray(STEP))
+    period = float(jnp.asarray(ratio * STEP))
+    dampings = jnp.array([0.0, 0.05, 1 - 1e-9, 1.0, 1.001, 10.0])
+    ground = jr.Record(NOISE, STEP)
+    found = ground.on_floor(period, dampings, free_vibration=EXTRA * STEP)
+    traced = jax.jit(lambda period: ground.on_floor(period, dampings).acceleration)(period)
+    assert traced.shape == (6, 2 * NOISE.size - 1)
+    samples = np.asarray(ground.acceleration, float)
+    for k, damping in enumerate(dampings):
+        expected = solve_exactly(samples, time_step, period, float(damping), EXTRA)
+        size = abs(expected).max()
+        # In float64 and rounded once.
+        tolerance = size * max(1e-13, 2 * eps)
+        np.testing.assert_allclose(found.acceleration[k], expected, rtol=0, atol=tolerance)
+        # A rounding of the phase of an undamped oscillator grows with its number of periods.
+        phase = 2 * np.pi / ratio * NOISE.size if damping == 0 else 0.0
+        tolerance = size * eps * (200 + phase)
+        part = traced[k, : expected.size]
+        np.testing.assert_allclose(part, expected, rtol=0, atol=tolerance)
+
+
+@pytest.mark.usefixtures("without_remarks")
+def test_modes_and_floors():
+    """Modes add up by participations, what these lack moves with the ground; floors are axes."""
+    ground = jr.Record(NOISE, STEP, vertical=NOISE[::-1], scale=-2.0, start=3.0)
+    single = [
+        np.asarray(ground.on_floor(period, damping, free_vibration=0.2).acceleration)
+        for period, damping in ((0.4, 0.02), (0.1, 0.3))
+    ]
+    together = ground.on_floor([0.4, 0.1], [0.02, 0.3], [1.3, -0.4], free_vibration=0.2)
+    padded = np.pad(NOISE, (0, 10))
+    expected = 1.3 * single[0] - 0.4 * single[1] + 0.1 * padded
+    np.testing.assert_allclose(together.acceleration, expected, rtol=0, atol=1e-6)
+    assert float(together.scale) == -2.0
+    assert float(together.start) == 3.0
+    np.testing.assert_allclose(together.vertical, np.pad(NOISE[::-1], (0, 10)), atol=1e-6)
+    floors = ground.on_floor([0.4, 0.1], [0.02, 0.3], free_vibration=0.2)
+    np.testing.assert_allclose(floors.acceleration, single, rtol=0, atol=1e-6)
+    weights = np.array([[1.0, 0.0], [0.0, 2.0], [1.3, -0.4]])
+    many = ground.on_floor([0.4, 0.1], [0.02, 0.3], weights, free_vibration=0.2)
+    rows = [single[0], 2 * single[1] - padded, expected]
+    np.testing.assert_allclose(many.acceleration, rows, rtol=0, atol=1e-5)
+    assert jr.respond_batch(BLOCK, 0.8, many).overturned.shape == (3,)
+
+
+@pytest.mark.usefixtures("without_remarks")
+def test_a_finer_step_has_the_same_motion(eps):
+    """At the samples of the coarse one, and of the ground between them."""
+    ground = jr.Record(NOISE, STEP, vertical=NOISE[::-1])
+    coarse = ground.on_floor(0.1, free_vibration=0.2)
+    # The record's step is divided by 4.
+    fine = ground.on_floor(0.1, free_vibration=0.2, time_step=0.006)
+    assert float(fine.time_step) == pytest.approx(STEP / 4)
+    for name in ("acceleration", "vertical"):
+        every = np.asarray(getattr(fine, name))[::4]
+        np.testing.assert_allclose(every, getattr(coarse, name), rtol=0, atol=64 * eps)
+    assert fine.samples == 4 * (coarse.samples - 1) + 1
+
+
+def test_a_floor_under_a_record_is_that_of_scipy():
+    ground = jr.example_record()
+    frequency = 2 * np.pi / 0.5
+    matrix = [[0, 1], [-(frequency**2), -0.1 * frequency]]
+    system = scipy.signal.StateSpace(
+        matrix, [[0], [-1]], [[-(frequency**2), -0.1 * frequency]], [[0]]
+    )
+    samples = np.asarray(ground.acceleration, float)
+    time = float(ground.time_step) * np.arange(samples.size)
+    _, expected, _ = scipy.signal.lsim(system, samples, time)
+    found = np.asarray(ground.on_floor(0.5, 0.05).acceleration)[: samples.size]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * abs(expected).max())
+
+
+@pytest.mark.usefixtures("without_remarks")
+def test_free_vibration_ends():
+    """After the floor has stayed below 1/1000 of its peak, or when it has lasted as long."""
+    ground = record(200)
+    damped = ground.on_floor(0.2, 0.3)
+    size = abs(np.asarray(damped.acceleration))
+    assert ground.samples < damped.samples < 2 * ground.samples - 1
+    assert size[-1] < 1e-3 * size.max() <= size[-2]
+    assert ground.on_floor(0.2, 0.0).samples == 2 * ground.samples - 1
+    whole = ground.on_floor(0.2, 0.3, free_vibration=3.98)
+    np.testing.assert_array_equal(
+        damped.acceleration, np.asarray(whole.acceleration)[: damped.samples]
+    )
+    assert ground.on_floor(0.2, 0.3, free_vibration=0.0).samples == ground.samples
+
+
+@pytest.mark.usefixtures("without_remarks")
+@pytest.mark.float64
+@pytest.mark.parametrize("period", [0.004, 0.0628, 0.063, 0.5, 100.0])
+@pytest.mark.parametrize("damping", [0.05, 1.0, 3.0])
+def test_derivatives_in_both_modes(period, damping):
+    weights = np.cos(0.3 * np.arange(80))
+
+    def answer(values):
+        period, damping, participation, scale, sample = values
+        samples = jnp.asarray(NOISE).at[20].set(sample)
+        floor = jr.Record(samples, STEP, scale=scale).on_floor(
+            period, damping, participation, free_vibration=0.2
+        )
+        return floor.scale * (floor.acceleration * weights).sum()
+
+    point = jnp.array([period, damping, 1.3, 1.2, 0.7])
+    forward = jax.jacfwd(answer)(point)
+    reverse = jax.grad(answer)(point)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-11, atol=1e-12)
+    # Differences of order 4, over a fraction of a radian of all phases.
+    phase = 2 * np.pi * STEP / period * NOISE.size if damping < 1 else 0.0
+    steps = 2e-3 * np.asarray(point) / np.array([1 + phase, 1 + phase, 1, 1, 1])
+    for k, step in enumerate(steps):
+        change = step * np.eye(5)[k]
+        near = answer(point + change) - answer(point - change)
+        far = answer(point + 2 * change) - answer(point - 2 * change)
+        difference = (8 * near - far) / (12 * step)
+        tolerance = 1e-8 * max(abs(float(forward[k])), 1.0)
+        assert float(forward[k]) == pytest.approx(float(difference), abs=tolerance)
+
+
+@pytest.mark.usefixtures("without_remarks")
+def test_floors_under_transformations():
+    ground = record(200)
+    periods = jnp.array([0.3, -1.0, 0.5])
+    found = jax.vmap(lambda period: ground.on_floor(period).acceleration)(periods)
+    batch = ground.on_floor(periods[::2], free_vibration=199 * 0.02).acceleration
+    np.testing.assert_allclose(found[::2], batch, rtol=0, atol=1e-4 * abs(batch).max())
+    # A period that is out of range leaves its neighbours and their derivatives alone.
+    assert np.isnan(found[1]).all()
+    slope = jax.grad(lambda periods: ground.on_floor(periods).acceleration[::2].sum())(periods)
+    assert np.isfinite(slope[::2]).all()
+
+
+def test_a_step_that_is_too_coarse_is_remarked_on():
+    ground = jr.example_record()
+    with pytest.warns(UserWarning, match=r"0.01 s apart miss up to 12 % .*0.0049 would do"):
+        ground.on_floor(0.05)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ground.on_floor(0.05, time_step=0.0049)
+        # A mode that follows the ground is a straight line as well, and so is one that hardly
+        # takes part.
+        ground.on_floor(1e-4)
+        ground.on_floor([0.5, 0.05], 0.05, [1.0, 0.02])
+    with pytest.warns(UserWarning, match="under record 'third'"):
+        suite().on_floor(0.1)
+
+
+@pytest.mark.usefixtures("without_remarks")
+def test_a_suite_on_a_floor_keeps_its_ground(eps):
+    plain = suite()
+    floor = plain.on_floor(0.4, 0.05, 1.2)
+    for measure in ("pga", "pgv"):
+        np.testing.assert_array_equal(floor.measure(measure), plain.measure(measure))
+    np.testing.assert_array_equal(floor.factors(0.3, "pgv"), plain.factors(0.3, "pgv"))
+    assert floor.measure("pga")[0] != jr.Suite(floor.records).measure("pga")[0]
+    for part in (floor.scaled(2.0), floor.scaled(np.array([2.0, 3.0, 4.0]))[:1]):
+        factor = 2.0 * float(plain.measure("pga")[0])
+        assert float(part.measure("pga")[0]) == pytest.approx(factor, rel=4 * eps)
+        assert float(part[0].scale) == 2.0
+    both = floor.both_directions()
+    assert both[3:].names == tuple(f"{name} reversed" for name in floor.names)
+    np.testing.assert_array_equal(both.measure("pgv"), np.tile(plain.measure("pgv"), 2))
+    np.testing.assert_array_equal(
+        both[3].acceleration, plain.both_directions().on_floor(0.4, 0.05, 1.2)[3].acceleration
+    )
+    words = (
+        "on a floor of period 0.4 s, damping 0.05, participation 1.2; intensities are those"
+    )
+    assert words in str(floor)
+    assert words in str(jr.Site(floor, HAZARD))
+    # Scaled to a level, ground and floor are those of the scaled ground.
+    site = jr.Site(floor, HAZARD, spacing=0.1)
+    np.testing.assert_array_equal(site.intensities, plain.measure("pgv"))
+    rate = jr.overturning_rate(BLOCK, 0.8, site)
+    level = float(rate.boundaries.value[0, 0])
+    scaled = plain[:1].scaled(plain[:1].factors(level, "pgv")).on_floor(0.4, 0.05, 1.2)
+    sides = [
+        bool(jr.respond_batch(BLOCK, 0.8, scaled[0].scaled(1 + change)).overturned)
+        for change in (-1e-3, 1e-3)
+    ]
+    assert sides == [False, True]
+
+
+def test_motions_of_a_floor_may_be_given():
+    """As a model of the building has them."""
+    ground = suite()
+    records = [motion.scaled(3.0) for motion in ground]
+    given = jr.Suite(records, ground.names, ground=ground)
+    np.testing.assert_array_equal(given.measure("pga"), ground.measure("pga"))
+    assert "on floors; intensities are those of the ground" in str(given)
+
+
+def test_a_part_of_both_directions_has_both_or_one():
+    both = suite().both_directions()
+    assert (len(both), both.recordings) == (6, 3)
+    assert [both[:3].directions, both[3:].directions, both[::3].directions] == [1, 1, 2]
+    np.testing.assert_array_equal(both[4].acceleration, -both[1].acceleration)
+    assert str(both) == (
+        "suite of 3 records in both directions of 120 to 200 samples, 0.02 s apart"
+    )
+
+
+@pytest.mark.float64
+def test_both_directions_count_as_one_record():
+    """A block that rocks to both sides does the same in both: nothing may change."""
+    plain = suite()
+    both = plain.both_directions()
+    sites = [jr.Site(motions, HAZARD, spacing=0.1) for motions in (plain, both)]
+    uncertain = jr.Uncertain({"restitution": 0.05}, samples=2)
+    for options in ({}, {"uncertain": uncertain}):
+        one_way, two_ways = (
+            jr.overturning_rate(BLOCK, 0.8, site, **options) for site in sites
+        )
+        for name in ("rate", "standard_error", "not_detected"):
+            np.testing.assert_allclose(
+                getattr(two_ways, name), getattr(one_way, name), rtol=1e-4, err_msg=name
+            )
+        assert "from 3 records in both directions" in str(two_ways)
+    traced = jax.jit(lambda c: jr.overturning_rate(BLOCK, c, sites[1]).standard_error)(0.8)
+    one_way = jr.overturning_rate(BLOCK, 0.8, sites[0])
+    np.testing.assert_allclose(traced, one_way.standard_error, rtol=1e-6)
+    curves = [jr.fragility(BLOCK, 0.8, motions, [0.4, 1.0, 2.0]) for motions in (plain, both)]
+    assert curves[1].attrs["records"] == 3
+    assert curves[1].attrs["directions"] == 2
+    for name in ("exceedance_low", "exceedance_high", "lognormal_dispersion"):
+        np.testing.assert_array_equal(curves[1][name], curves[0][name])
+    objects = jr.risk.Inventory(["a"], jr.Block(np.array([0.15]), 4.0), 0.8)
+    tables = [jr.risk.assess_inventory(objects, site, 1e-3) for site in sites]
+    for name in ("dispersion", "probability", "probability_high", "standard_error"):
+        np.testing.assert_allclose(tables[1][name], tables[0][name], rtol=1e-4)
+    assert (tables[1].attrs["record_count"], tables[1].attrs["directions"]) == (3, 2)
+    intervals = [
+        jr.sensitivity.outcome_probabilities(BLOCK, 0.8, motions.scaled(0.7), uncertain)
+        for motions in (plain, both)
+    ]
+    np.testing.assert_allclose(intervals[1].high, intervals[0].high, rtol=1e-12)
+    assert str(intervals[1]).startswith("3 records in both directions, each with 2 samples")
+
+
+@pytest.mark.usefixtures("without_remarks")
+@pytest.mark.float64
+def test_the_floor_of_a_sample_is_its_own():
+    plain = suite()
+    site = jr.Site(plain.on_floor([0.4, 0.1], 0.05, [1.2, -0.2]), HAZARD, spacing=0.1)
+    coefficients = {"floor_period": 0.3, "width": 0.02, "floor_damping": 0.3}
+    uncertain = jr.Uncertain(coefficients, samples=4)
+    rate = jr.overturning_rate(BLOCK, 0.8, site, uncertain)
+    draws = uncertain.draw(BLOCK, 0.8, on_floor=True)
+    assert np.std(np.log(draws.floor.period)) > 0.1
+    expected = []
+    outcomes = []
+    for k in range(4):
+        periods = np.array([0.4, 0.1]) * draws.floor.period[k]
+        floor = plain.on_floor(periods, 0.05 * draws.floor.damping[k], [1.2, -0.2])
+        block = jax.tree.map(lambda leaf, k=k: leaf[k], draws.block)
+        of_sample = jr.Site(floor, HAZARD, spacing=0.1)
+        expected.append(float(jr.overturning_rate(block, 0.8, of_sample).rate))
+        curves = jr.fragility(block, 0.8, floor, [0.5, 1.0])
+        outcomes.append(curves.exceedance.sel(threshold="overturning"))
+    np.testing.assert_allclose(rate.sample_rates, expected, rtol=1e-3)
+    assert np.std(expected) > 0.02 * np.mean(expected)
+    curves = jr.fragility(BLOCK, 0.8, site.suite, [0.5, 1.0], uncertain=uncertain)
+    np.testing.assert_allclose(
+        curves.exceedance.sel(threshold="overturning"), np.mean(outcomes, axis=0)
+    )
+    objects = jr.risk.Inventory(["a"], jr.Block(np.array([0.15]), 4.0), 0.8, uncertain)
+    table = jr.risk.assess_inventory(objects, site, 1e-3)
+    np.testing.assert_allclose(table.rate, [float(rate.rate)], rtol=1e-3)
+
+
+def test_many_floors_are_simulated_in_groups(monkeypatch):
+    """Records of samples are many, and no bit depends on how they lie in memory."""
+    from jaxrock.driven.many_blocks import ground_motions
+
+    site = jr.Site(suite().on_floor(0.4), HAZARD, spacing=0.1)
+    uncertain = jr.Uncertain({"floor_period": 0.3}, samples=4)
+    whole = jr.overturning_rate(BLOCK, 0.8, site, uncertain)
+    monkeypatch.setattr(ground_motions, "_GROUP_ROOM", 1)
+    grouped = jr.overturning_rate(BLOCK, 0.8, site, uncertain)
+    np.testing.assert_array_equal(grouped.sample_rates, whole.sample_rates)
