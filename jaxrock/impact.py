@@ -28,7 +28,9 @@ from .validation import (
     is_traced,
 )
 
-_SIGNED = Domain("between -1 and 1 for a one-sided block", lambda x: abs(x) <= 1, 0.5)
+ONE_SIDED_RESTITUTION = Domain(
+    "between -1 and 1 for a one-sided block", lambda x: abs(x) <= 1, 0.5
+)
 
 
 def velocity_after_impact(restitution: Reals, velocity: Reals) -> Reals:
@@ -66,7 +68,7 @@ def read_restitution(block: Block, restitution: Number) -> Reals:
     coefficient = as_real("restitution", restitution, unit="")
     # The kind of the block is checked by the caller, perhaps later.
     if getattr(block, "one_sided", False):
-        check("restitution", coefficient, _SIGNED)
+        check("restitution", coefficient, ONE_SIDED_RESTITUTION)
         return _take_magnitude(coefficient)
     check("restitution", coefficient, UNIT_INTERVAL)
     return coefficient

@@ -91,6 +91,9 @@ def read_wrong_commands():
 def write_inputs(folder):
     """Write the files that commands read."""
     (folder / "objects.csv").write_text("name,width [m],height [m]\nbust,0.4,1.6\n")
+    (folder / "facade.csv").write_text(
+        "name,width [m],height [m],one-sided,floor period [s]\nfacade,0.4,4,yes,0.3\n"
+    )
     (folder / "hazard.csv").write_text("pgv [m/s],rate [1/yr]\n0.1,2e-2\n1,1e-4\n")
     (folder / "times.csv").write_text("0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n")
 
@@ -413,11 +416,10 @@ def test_fragility(tmp_path, capsys):
 
 
 def test_a_wall_and_a_floor_reach_the_library(capsys, tmp_path):
-    code, text, _ = run(
-        capsys,
-        *"respond --width 0.6 --height 6 --one-sided --record example --scale -1".split(),
-        *("--floor-period", 0.4, "--floor-damping", 0.1, "--json", "--out", tmp_path / "out"),
-    )
+    wall = ("--width", 0.6, "--height", 6, "--one-sided")
+    motion = ("--record", "example", "--scale", -1, "--floor-period", 0.4)
+    others = ("--floor-damping", 0.1, "--json", "--out", tmp_path / "out")
+    code, text, _ = run(capsys, "respond", *wall, *motion, *others)
     assert code == 0
     block = jr.Block.from_size(width=0.6, height=6.0, one_sided=True)
     motion = jr.example_record().on_floor(0.4, 0.1, time_step=0.02).scaled(-1.0)

@@ -71,6 +71,31 @@ def test_names_of_the_coefficient_of_variation(tmp_path, head):
     assert inventory.uncertain == jr.Uncertain({"restitution": [0.05]}, samples=4, seed=1)
 
 
+PLACES = """name,width [cm],height [m],C,one-sided,floor_period_ms,damping of floor [%]
+bust,30,1.2,,no,,
+facade,60,6,,Yes,0,
+mirror,20,2,-0.6,x,400,3
+vase,20,0.8,0.8,,250,
+"""
+
+
+def test_objects_at_a_wall_and_on_floors_are_read(tmp_path):
+    inventory = read_inventory(write(tmp_path, PLACES))
+    assert inventory.one_sided == (False, True, True, False)
+    np.testing.assert_allclose(inventory.floor_period, [0, 0, 0.4, 0.25], rtol=1e-14)
+    np.testing.assert_allclose(inventory.floor_damping, [0.05, 0.05, 0.03, 0.05], rtol=1e-14)
+    # At a wall: (1 - (3/2) / 101)^2 (1 - (3/2) 100 / 101), of which the magnitude counts.
+    wall = (1 - 1.5 / 101) ** 2 * (150 / 101 - 1)
+    np.testing.assert_allclose(inventory.restitution, [1 - 1.5 / 17, wall, 0.6, 0.8])
+    assert inventory.remarks == (
+        "Housner's restitution",
+        "restitution at a wall by its size",
+        "",
+        "damping of its floor not given, 0.05 assumed",
+    )
+    assert str(inventory).splitlines()[3].split()[-2:] == ["yes", "0"]
+
+
 # The same two objects in the layouts of spreadsheets, and under heads of other kinds.
 ROWS = "vase,0.2,0.8\nbust,0.3,1.2\n"
 CENTIMETRES = "vase,20,80\nbust,30,120\n"
@@ -134,6 +159,7 @@ def test_names_of_objects(tmp_path, printed, names):
 
 
 HEAD = "name,width [m],height [m],restitution,restitution cov"
+PLACE = "name,width m,height m,C,one-sided,floor period s,floor damping"
 
 
 TABLES_THAT_ARE_REFUSED = [
@@ -183,6 +209,17 @@ TABLES_THAT_ARE_REFUSED = [
     (f"{HEAD}\na,1,2,1.1,\n", "2: .*'restitution' must be between 0 and 1, got '1.1'"),
     (f"{HEAD}\na,1,2,0.8,-1\n", "2: .*'restitution cov' must be finite and at least"),
     (f"{HEAD}\na,1,2,1,0.1\n", "2: coefficient of variation of restitution must be 0 at 1"),
+    # Walls and floors.
+    ("name,width m,height m,one-sided [m]\n", r"1: column 'one-sided \[m\]': no unit was"),
+    ("name,width m,height m,floor period\n", "1: column 'floor period': a unit of time was"),
+    (f"{PLACE}\na,.2,1,,maybe,,\n", "2: column 'one-sided' must be yes, no, .* got 'maybe'"),
+    (f"{PLACE}\na,.2,1,-.5,no,,\n", "2: .*'C' must be between 0 and 1, got '-.5'"),
+    (f"{PLACE}\na,.2,1,-2,yes,,\n", "2: .*'C' must be between -1 and 1 for a one-sided bl"),
+    (f"{PLACE}\na,1,1.2,,yes,,\n", "2: .* this stocky, since a wall .* restitution is 0.017"),
+    (f"{PLACE}\na,.2,1,,,-1,\n", "2: .*'floor period s' must be finite and at least 0"),
+    (f"{PLACE}\na,.2,1,,,.4,5\n", "2: .*'floor damping' must be between 0 and 1, got '5'"),
+    (f"{PLACE}\na,.2,1,,,,.05\n", "2: a floor damping goes with a floor period, got '.05'"),
+    ("name,width m,height m,depth m,one-sided\na,1,3,.5,x\n", "2: .* must have no depth: .* 0.5 m"),
     # Separators of thousands.
     ('name,width [mm],height [mm]\na,450,"1,200"\n', "2: '1,200' may be .* of thousands"),
     ("name;width [mm];height [mm]\na;450;1.200\n", "2: '1.200' may be .* of thousands"),
@@ -366,6 +403,80 @@ def test_rates_are_those_of_overturning_rate(under_noise, noise_site):
         assert float(answer.not_detected) == pytest.approx(float(expected.not_detected[k]))
         error = float(expected.standard_error[k])
         assert float(answer.standard_error) == pytest.approx(error, rel=5 * tolerance)
+
+
+def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
+    """Each under its own motions, with the bits that it has in an inventory of such objects."""
+    names = ("free", "wall", "floor", "free too", "wall on a floor", "damped floor")
+    width = np.array([0.2, 0.35, 0.24, 0.32, 0.4, 0.28])
+    height = np.array([1.0, 2.4, 1.2, 1.9, 2.4, 1.1])
+    restitution = np.array([0.8, -0.5, 0.85, 0.9, 0.5, 0.8])
+    period = np.array([0.0, 0.0, 0.3, 0.0, 0.3, 0.3])
+    damping = np.array([0.05, 0.05, 0.05, 0.05, 0.05, 0.1])
+    one_sided = np.array([False, True, False, False, True, False])
+    coefficients = {"restitution": np.array([0, 0, 0, 0.1, 0, 0]), "floor_period": 0.1}
+    block = jr.Block.from_size(width=width, height=height)
+    inventory = Inventory(
+        names,
+        block,
+        restitution,
+        jr.Uncertain(coefficients, samples=2),
+        one_sided=one_sided.tolist(),
+        floor_period=period,
+        floor_damping=damping,
+    )
+    mixed = assess_inventory(inventory, noise_site, NOISE_TARGET)
+    assert mixed.attrs["record_count"] == 3
+    np.testing.assert_array_equal(mixed.rate, np.sort(mixed.rate)[::-1])
+    np.testing.assert_array_equal(mixed["rank"], np.arange(1, 7))
+    suite = noise_site.suite
+    floor = suite.on_floor(0.3, 0.05, time_step=0.015)
+    groups = {
+        (0, 3): (suite, ""),
+        (1,): (suite.both_directions(), "against a wall: each record in both directions"),
+        (2,): (floor, "on a floor of period 0.3 s, damping 0.05"),
+        (4,): (
+            floor.both_directions(),
+            "against a wall: each record in both directions;"
+            " on a floor of period 0.3 s, damping 0.05",
+        ),
+        (5,): (
+            suite.on_floor(0.3, 0.1, time_step=0.015),
+            "on a floor of period 0.3 s, damping 0.1",
+        ),
+    }
+    for members, (motions, remark) in groups.items():
+        k = list(members)
+        sizes = {"width": width[k], "height": height[k]}
+        alone = Inventory(
+            [names[member] for member in members],
+            jr.Block.from_size(**sizes, one_sided=bool(one_sided[k[0]])),
+            restitution[k],
+            jr.Uncertain(
+                {"restitution": coefficients["restitution"][k]}
+                | ({"floor_period": 0.1} if period[k[0]] else {}),
+                samples=2,
+            ),
+        )
+        site = jr.Site(motions, noise_site.hazard, levels=noise_site.levels)
+        expected = assess_inventory(alone, site, NOISE_TARGET)
+        for name in alone.names:
+            answer = mixed.sel(object=name)
+            for variable in set(expected.data_vars) - {"remark", "one_sided"}:
+                np.testing.assert_array_equal(
+                    answer[variable], expected[variable].sel(object=name)
+                )
+            assert str(answer.remark.values).startswith(remark)
+            assert bool(answer.one_sided) == one_sided[k[0]]
+            assert float(answer.floor_period) == period[k[0]]
+            assert np.isnan(answer.floor_damping) == (period[k[0]] == 0)
+    page = write_inventory_page(mixed, b"")
+    assert page.count("<td>0.3 (0.05)</td>") == 2
+    assert page.count("<td>yes</td>") == 2
+    ax = plot_inventory(mixed)
+    beside = [t.get_text() for axes in ax.child_axes for t in axes.get_yticklabels()]
+    assert sum(", at a wall, floor 0.3 s;" in words for words in beside) == 1
+    plt.close(ax.figure)
 
 
 @pytest.mark.thorough

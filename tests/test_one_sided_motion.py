@@ -82,11 +82,11 @@ def test_records_against_independent_integration(name, vertical):
         ground = stepping.record(np.asarray(horizontal), up, float(record.time_step), scale[0])
         truth = stepping.follow(rocker, ground, rtol=1e-12)
         many = jr.respond_batch(FACADE, restitution, motion)
-        response = jr.respond(FACADE, restitution, motion, rtol=1e-10)
+        response = jr.respond(FACADE, restitution, motion, rtol=1e-12)
         assert bool(many.overturned) == bool(response.overturned) == truth.overturned[0], sign
         strong = stepping.count_strong(truth.impact_velocities[0])
         assert stepping.count_strong(np.asarray(response.impact_velocities)) == strong
-        assert strong > 3
+        assert strong > 1
         if not truth.overturned[0]:
             peaks = [response.peak_rotation, many.peak_rotation]
             np.testing.assert_allclose(peaks, truth.peak[0], rtol=1e-7)
@@ -257,3 +257,17 @@ def test_one_program_of_the_batch_more():
     finally:
         jax.monitoring.unregister_event_duration_listener(hear)
     assert not any("follow_rows" in name for name in names)
+
+
+def test_ground_that_falls_away_lifts_to_the_side_without_the_wall():
+    """Faster than g, while it pushes into the wall: both sides of a free block would be lifted."""
+    horizontal = np.array([0.0, -1.0, -1.0, 3.0, 0.0])
+    vertical = np.array([0.0, -16.0, -16.0, 0.0, 0.0])
+    record = jr.Record(horizontal, 0.1, vertical)
+    response = jr.respond(BOUNCY, 0.4, record, 1.0)
+    many = jr.respond_batch(BOUNCY, 0.4, record, 1.0)
+    rotation, _ = response.history(np.linspace(0, 1, 101))
+    assert float(response.peak_rotation) > 1e-3
+    assert np.min(rotation) >= 0
+    np.testing.assert_allclose(many.peak_rotation, response.peak_rotation, rtol=1e-4)
+    np.testing.assert_allclose(many.final_rotation, response.final_rotation, atol=1e-5)

@@ -70,6 +70,7 @@ def compared(code, namespace):
         ("records", 0),
         ("paper", 4),
         ("conformance", 0),
+        ("one_sided", 4),
         pytest.param("sharp_edges", 15, marks=pytest.mark.thorough),
     ],
 )
@@ -171,7 +172,7 @@ def test_inverse_design(capsys):
 def test_all_code_is_run_by_a_test():
     tested = {"README", "getting_started", "records", "paper", "sharp_edges", "calibration"}
     tested |= {"suites", "driven_motion", "concepts", "sensitivities", "many_devices"}
-    tested |= {"architecture", "conformance", "floors"}
+    tested |= {"architecture", "conformance", "floors", "one_sided"}
     assert {page for page in TEXTS if code(page)} == tested
 
 

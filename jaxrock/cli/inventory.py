@@ -1,5 +1,6 @@
 """The command about an inventory of objects."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -38,9 +39,11 @@ def inventory(
 
     The file has a line for each object below one line with the names of its columns: name,
     width [m], height [m], and perhaps depth [m], inertia ratio, restitution and restitution
-    coefficient of variation, lengths also in cm or mm. A hazard must be given. Gives the
-    uplift intensity of each, the probability and the rate of overturning, the most important
-    parameter, and the width at this height from which on the rate stays below the target.
+    coefficient of variation, lengths also in cm or mm. Objects against a wall have yes in a
+    column one-sided, objects on upper floors a floor period [s] and perhaps a floor damping. A
+    hazard must be given, of the ground. Gives the uplift intensity of each, the probability
+    and the rate of overturning, the most important parameter, and the width at this height
+    from which on the rate stays below the target.
 
     Writes inventory.nc, inventory.csv, inventory.png and inventory.html, a page to print.
 
@@ -72,6 +75,11 @@ def inventory(
     hazard = suite_options.read_hazard(measure)
     if hazard is None:
         raise ValueError("hazard must be given")
+    if any(objects.one_sided) and suite_options.direction not in (None, "both"):
+        raise ValueError(
+            "direction must be both, or not given, where objects are one-sided, got"
+            f" {suite_options.direction}"
+        )
     site = Site(suite_options.read_suite(), hazard, measure, spacing=_SPACING)
     with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_inventory
@@ -128,7 +136,12 @@ def _write_table(assessed: "xarray.Dataset") -> str:
     unit = MEASURES[assessed.attrs["measure"]][1]
     target = assessed.attrs["target"]
     names = assessed.object.values.tolist()
-    columns = {
+    places: dict[str, Iterable[object]] = {}
+    if "one_sided" in assessed:
+        places["one-sided"] = ["yes" if kind else "no" for kind in assessed.one_sided.values]
+    if "floor_period" in assessed:
+        places["floor [s]"] = assessed.floor_period.values
+    columns = places | {
         "width [m]": assessed.width.values,
         "height [m]": assessed.height.values,
         "restitution": assessed.restitution.values,

@@ -80,7 +80,8 @@ def format_table(first: str, names: Sequence[str], **columns: Iterable[object]) 
     width = max(20, *(len(name) + 2 for name in names)) if names else 20
     lines = [first, " " * width + "".join(f"{label:>14}" for label in labels)]
     for name, *row in zip(names, *columns.values(), strict=True):
-        lines.append(f"{name:{width}}" + "".join(f"{value:14.6g}" for value in row))
+        cells = [f"{v:>14}" if isinstance(v, str) else f"{v:14.6g}" for v in row]
+        lines.append(f"{name:{width}}{''.join(cells)}")
     return "\n".join(lines)
 
 

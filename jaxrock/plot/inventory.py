@@ -85,6 +85,10 @@ def _describe_size(assessed: xarray.Dataset) -> str:
     """Describe the size of an object and what it needs, beside its row."""
     width = float(assessed.width)
     size = f"{width:.2f} \N{MULTIPLICATION SIGN} {float(assessed.height):.2f} m"
+    if "one_sided" in assessed and bool(assessed.one_sided):
+        size += ", at a wall"
+    if "floor_period" in assessed and float(assessed.floor_period):
+        size += f", floor {float(assessed.floor_period):.3g} s"
     return f"{size}; {describe_need(assessed)}"
 
 

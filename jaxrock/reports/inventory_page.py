@@ -79,6 +79,7 @@ def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
             "width &times; height [m]",
             "The base, and twice the height of the centre of mass.",
         ),
+        **_name_places(dataset),
         "restitution": (
             "C",
             "Restitution: velocity after an impact over the one before it, with its coefficient"
@@ -120,6 +121,22 @@ def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
         "matters most",
         "The parameter with the largest elasticity: the change of the rate in % for 1 % more.",
     )
+    return columns
+
+
+def _name_places(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
+    """Name the columns about where objects stand, as far as some stand at a wall or on a floor."""
+    columns = {}
+    if "one_sided" in dataset:
+        columns["one_sided"] = (
+            "at a wall",
+            "Whether it stands against a wall, and rocks to the other side only.",
+        )
+    if "floor_period" in dataset:
+        columns["floor"] = (
+            "floor [s]",
+            "Period of its floor, with the damping ratio in brackets; a dash on the ground floor.",
+        )
     return columns
 
 
@@ -165,6 +182,11 @@ def _write_cells(assessed: "xarray.Dataset") -> dict[str, str]:
         "need": html.escape(describe_need(assessed)),
         "most_important": most_important,
     }
+    if "one_sided" in assessed:
+        cells["one_sided"] = "yes" if bool(assessed.one_sided) else "no"
+    if "floor_period" in assessed:
+        floor = f"{float(assessed.floor_period):.3g} ({float(assessed.floor_damping):.2g})"
+        cells["floor"] = floor if float(assessed.floor_period) else "&ndash;"
     for k in range(assessed.level.size):
         low, middle, high = (
             f"{float(assessed[name][k]):.2f}"
@@ -216,10 +238,24 @@ def _write_meanings(dataset: "xarray.Dataset") -> str:
 def _write_assumptions(dataset: "xarray.Dataset") -> str:
     """Write the assumptions, and the inputs of the simulations."""
     about = dataset.attrs
+    wall = ""
+    if "one_sided" in dataset:
+        wall = (
+            " Objects against a wall rock about their outer edge; the impact throws them back,"
+            " where no restitution was given with that which follows from their size; each"
+            " record acts on them in both directions."
+        )
+    floors = ""
+    if "floor_period" in dataset:
+        floors = (
+            " An upper floor moves as a linear oscillator of its period and damping on the"
+            f" ground, to which the {MEASURES[about['measure']][0]} and the hazard belong; the"
+            " objects do not act back on it."
+        )
     return (
         "<p>Assumed: every object is a rigid block that stands free on a rigid floor, rocks about"
         " the edges of its base and neither slides nor turns; where no restitution was given,"
-        " Housner&rsquo;s; the restitution stays when the width changes."
+        f" Housner&rsquo;s; the restitution stays when the width changes.{wall}{floors}"
         f" Simulated under {about['record_count']} records, each scaled to"
         f" {about['simulated_levels']} levels of the {MEASURES[about['measure']][0]}, by the"
         f" {html.escape(str(about['model']))} equation of motion; hazard:"

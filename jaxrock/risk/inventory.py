@@ -1,21 +1,34 @@
-"""Objects that stand free: their names, sizes and impacts."""
+"""Objects to be protected: their names, sizes and impacts, and where they stand."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..block import Block, size_of
+from ..block import Block, block_of, size_of
 from ..host import Printed, format_table
 from ..sensitivity import Uncertain
-from ..validation import Numbers, Reals, as_real, as_text
+from ..validation import (
+    NON_NEGATIVE,
+    UNIT_INTERVAL,
+    Domain,
+    Numbers,
+    Reals,
+    as_real,
+    as_text,
+    check,
+    check_kind,
+    describe,
+)
 from .objects import Objects, gather_objects
+
+FLOOR_DAMPING = 0.05  # ratio, of a floor of which it is not given
 
 
 class Inventory(Printed, eqx.Module):
-    """Objects that stand free: their names, sizes and impacts; see `read_inventory`.
+    """Objects: their names, sizes and impacts, and where they stand; see `read_inventory`.
 
     Parameters
     ----------
@@ -24,12 +37,30 @@ class Inventory(Printed, eqx.Module):
     block : Block
         Of shape (objects,).
     restitution : array_like
-        C [-], between 0 and 1; one, or one for each object.
+        C [-], between 0 and 1; one, or one for each object. Of a one-sided object it may be
+        negative, and its magnitude counts.
     uncertain : Uncertain, optional
         Uncertain parameters, with one coefficient of variation for all objects or one for
         each.
     remarks : sequence of str, optional
         What was assumed for each object.
+    one_sided : bool or sequence of bool, optional
+        Whether an object stands against a wall; see `Block`. One, or one for each object; by
+        default as the block is.
+    floor_period : array_like
+        Period of the floor on which an object stands [s], finite and at least 0: 0 is the
+        ground floor, which moves with the ground. One, or one for each object.
+    floor_damping : array_like, optional
+        Damping ratio of that floor [-], between 0 and 1; one, or one for each object. It is
+        0.05 by default, and does not count on the ground floor.
+
+    Attributes
+    ----------
+    block : Block
+        One-sided if all objects are.
+    one_sided : tuple of bool
+        One for each object.
+    floor_period, floor_damping : Array, shape (objects,)
 
     Raises
     ------
@@ -55,6 +86,9 @@ class Inventory(Printed, eqx.Module):
     restitution: Reals
     uncertain: Uncertain | None = eqx.field(static=True)
     remarks: tuple[str, ...] = eqx.field(static=True)
+    one_sided: tuple[bool, ...] = eqx.field(static=True)
+    floor_period: Reals
+    floor_damping: Reals
 
     def __init__(
         self,
@@ -63,8 +97,27 @@ class Inventory(Printed, eqx.Module):
         restitution: Numbers,
         uncertain: Uncertain | None = None,
         remarks: Sequence[str] | None = None,
+        *,
+        one_sided: bool | Sequence[bool] | None = None,
+        floor_period: Numbers = 0.0,
+        floor_damping: Numbers | None = None,
     ):
-        objects = gather_objects(block, as_real("restitution", restitution, unit=""), names)
+        check_kind("block", block, Block)
+        kinds = _read_kinds(block.one_sided if one_sided is None else one_sided)
+        coefficient = as_real("restitution", restitution, unit="")
+        # Of one-sided objects magnitudes are taken; all others have to be positive.
+        objects = gather_objects(_as_kind(block, bool(kinds.any())), coefficient, names)
+        kinds = _give_each("one_sided", kinds, objects.number)
+        check("restitution", np.where(kinds, 0, coefficient), UNIT_INTERVAL)
+        objects = objects._replace(block=_as_kind(objects.block, bool(kinds.all())))
+        period = _read_each("floor_period", floor_period, "s", NON_NEGATIVE, objects.number)
+        if floor_damping is not None and not period.any():
+            raise ValueError(
+                "floor_damping goes with a floor_period greater than 0, got"
+                f" {describe(floor_damping)} without one"
+            )
+        damping = FLOOR_DAMPING if floor_damping is None else floor_damping
+        damping = _read_each("floor_damping", damping, "", UNIT_INTERVAL, objects.number)
         if uncertain is not None:
             # What cannot be drawn is refused here, before anything is computed. Whether the
             # objects are on a floor is known to a site.
@@ -79,17 +132,25 @@ class Inventory(Printed, eqx.Module):
         self.restitution = jnp.asarray(objects.restitution)
         self.uncertain = uncertain
         self.remarks = tuple(map(as_text, remarks))
+        self.one_sided = tuple(kinds.tolist())
+        self.floor_period = jax.device_put(period)
+        self.floor_damping = jax.device_put(damping)
 
     def __len__(self) -> int:
         return len(self.names)
 
     def __str__(self) -> str:
         sizes = size_of(self.objects.block, "sides")
-        columns = {
-            "width [m]": sizes["width"],
-            "height [m]": sizes["height"],
+        columns: dict[str, Iterable[object]] = {
+            "width [m]": np.asarray(sizes["width"]),
+            "height [m]": np.asarray(sizes["height"]),
             "restitution": np.asarray(self.restitution),
         }
+        if any(self.one_sided):
+            columns["one-sided"] = ["yes" if kind else "no" for kind in self.one_sided]
+        periods = np.asarray(self.floor_period)
+        if periods.any():
+            columns["floor [s]"] = periods
         first = f"{len(self)} object{'s' * (len(self) > 1)}"
         table = format_table(first, [name[:19] for name in self.names], **columns)
         return table if self.uncertain is None else f"{table}\n{self.uncertain}"
@@ -99,3 +160,40 @@ class Inventory(Printed, eqx.Module):
         """The objects, in NumPy."""
         block, restitution = jax.tree.map(np.asarray, (self.block, self.restitution))
         return Objects(block, restitution, restitution.shape, self.names)
+
+
+def _read_kinds(one_sided: bool | Sequence[bool]) -> np.ndarray:
+    """Read whether objects are one-sided; a `ValueError` for anything but True and False."""
+    kinds = np.asarray(one_sided)
+    if kinds.dtype != bool or kinds.ndim > 1:
+        raise ValueError(
+            "one_sided must be True or False, or one of them for each object, got"
+            f" {describe(one_sided)}"
+        )
+    return kinds
+
+
+def _as_kind(block: Block, one_sided: bool) -> Block:
+    """Return a block of the same numbers that is one-sided, or free-standing."""
+    if block.one_sided == one_sided:
+        return block
+    return block_of(size_of(block, "shape"), one_sided)
+
+
+def _read_each(
+    name: str, value: Numbers, unit: str, domain: Domain, number: int
+) -> np.ndarray:
+    """Read a number for each object; a `ValueError` if one is not allowed."""
+    values = as_real(name, value, unit=unit)
+    check(name, values, domain)
+    return _give_each(name, np.asarray(values), number)
+
+
+def _give_each(name: str, values: np.ndarray, number: int) -> np.ndarray:
+    """Give each object a value; a `ValueError` if there are more or fewer."""
+    if values.shape not in ((), (number,)):
+        raise ValueError(
+            f"{name} must be one, or one for each of {number} objects, got an array of shape"
+            f" {values.shape}"
+        )
+    return np.broadcast_to(values, (number,))

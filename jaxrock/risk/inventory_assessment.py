@@ -17,6 +17,7 @@ from .drawn_objects import draw_objects
 from .exceedance import describe_suite, describe_variable
 from .hazard import Hazard, compute_return_periods
 from .inventory import Inventory
+from .inventory_groups import ObjectGroup, describe_places, group_objects
 from .lognormal import fit_lognormal
 from .outcome_table import tabulate_outcomes
 from .rate_elasticities import compute_elasticities, list_parameters
@@ -51,6 +52,9 @@ _TOGETHER = 32
 # Long names and units of the answers; the unit of the measure is not known here.
 _OF_MEASURE = "measure"
 _WORDS = {
+    "one_sided": ("whether it stands against a wall", ""),
+    "floor_period": ("period of its floor, 0 on the ground floor", "s"),
+    "floor_damping": ("damping ratio of its floor", "1"),
     "width": ("width of the base", "m"),
     "height": ("height, twice that of the centre of mass", "m"),
     "slenderness": ("height over width", "1"),
@@ -108,7 +112,9 @@ def assess_inventory(
         its ``standard_error`` (from record to record) and ``not_detected`` (see
         `overturning_rate`); ``required_width``, the width at this height from which on the
         rate stays below the target, inf where there is none, with ``required_width_reason``;
-        ``most_important``, the parameter with the largest elasticity; a ``remark``.
+        ``most_important``, the parameter with the largest elasticity; a ``remark``. If some
+        objects are one-sided, ``one_sided``; if some are on floors, ``floor_period`` (0 on the
+        ground floor) and ``floor_damping``.
 
         Over object and ``level``, with its ``return_period``, the ``probability`` of
         overturning, with its Clopper-Pearson interval ``probability_low`` to
@@ -119,10 +125,17 @@ def assess_inventory(
     Raises
     ------
     ValueError
-        If an argument is out of range, or an integration does not finish.
+        If an argument is out of range, objects are on floors where the suite of the site is
+        on one already, or an integration does not finish.
 
     Notes
     -----
+    An object on a floor is assessed under ``site.suite.on_floor(period, damping)``, with steps
+    of at most 1/20 of the period: a floor of one mode with participation 1. Levels and the
+    hazard are those of the ground. A one-sided object is assessed under the suite in both
+    directions. Remarks say which object is. An uncertain ``floor_period`` or
+    ``floor_damping`` counts for objects on floors.
+
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
     rate with its errors, the probabilities and the curve. The required width and the
     elasticities are computed with the medians; no change of a restitution goes further than
@@ -149,6 +162,23 @@ def assess_inventory(
     check("target", as_real("target", target), POSITIVE)
     model = as_model(model)
     reported = _choose_reported_levels(site.hazard, reported_levels)
+    groups = group_objects(inventory, site)
+    separate = [_assess_group(group, target, reported, model) for group in groups]
+    order = np.argsort(np.concatenate([group.places for group in groups]))
+    answers = {
+        name: np.concatenate([answer[name] for answer in separate])[order]
+        for name in separate[0]
+    }
+    answers = describe_places(inventory) | answers
+    return _make_dataset(inventory, site, target, model, reported, answers)
+
+
+def _assess_group(
+    group: ObjectGroup, target: float, reported: np.ndarray, model: RockingModel
+) -> dict[str, np.ndarray]:
+    """Assess objects that feel the same motions."""
+    inventory = group.inventory
+    site = group.site
     objects = inventory.objects
     parameters = list_parameters(objects, "sides")
     table = _simulate_objects(inventory, site, reported, model)
@@ -177,10 +207,10 @@ def assess_inventory(
         table.median_rate,
     ).T
     remarks = [
-        "; ".join(filter(None, words))
-        for words in zip(inventory.remarks, table.remarks, strict=True)
+        "; ".join(filter(None, (before, group.remark, after)))
+        for before, after in zip(inventory.remarks, table.remarks, strict=True)
     ]
-    answers: dict[str, np.ndarray] = {
+    return {
         **{name: parameters[name] for name in ("width", "height")},
         "slenderness": np.asarray(objects.block.slenderness),
         "inertia_ratio": np.asarray(objects.block.inertia_ratio),
@@ -195,7 +225,6 @@ def assess_inventory(
         "most_important": np.array([_name_most_important(row) for row in elasticity]),
         "remark": np.array(remarks),
     }
-    return _make_dataset(inventory, site, target, model, reported, answers)
 
 
 class _Simulated(NamedTuple):
@@ -292,6 +321,11 @@ def _make_dataset(
     samples = (
         {} if uncertain is None else {"samples": uncertain.samples, "seed": uncertain.seed}
     )
+    assumed = {}
+    if "one_sided" in answers:
+        assumed["one_sided_objects"] = "under each record in both directions"
+    if "floor_period" in answers:
+        assumed["floors"] = "each of one mode with participation 1"
     periods = compute_return_periods(site.hazard, reported)
     dataset = make_dataset(
         "Inventory of objects, ranked by the rate of overturning",
@@ -313,6 +347,7 @@ def _make_dataset(
             "hazard_curve": str(site.hazard),
             "model": model.name,
             "simulated_levels": site.levels.size,
+            **assumed,
             **samples,
         },
     )

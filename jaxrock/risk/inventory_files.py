@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..impact import housner_restitution
+from ..impact import ONE_SIDED_RESTITUTION, housner_restitution, one_sided_restitution
 from ..sensitivity import Uncertain
 from ..tables import QUANTITIES, Row, Table, quote_word, read_table
 from ..validation import AT_LEAST_ONE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL
-from .inventory import Inventory
+from .inventory import FLOOR_DAMPING, Inventory
 
 _COEFFICIENT = "restitution coefficient of variation"
 # The columns of numbers, and their values in SI.
@@ -24,6 +24,15 @@ _DOMAINS = {
     "inertia ratio": AT_LEAST_ONE,
     "restitution": UNIT_INTERVAL,
     _COEFFICIENT: NON_NEGATIVE,
+    "floor period": NON_NEGATIVE,
+    # Above critical damping the number is one of per cent.
+    "floor damping": UNIT_INTERVAL,
+}
+_PERCENTAGES = (_COEFFICIENT, "floor damping")
+# What stands in the column of one-sided objects, besides an empty cell.
+_FLAGS = {
+    **dict.fromkeys(("yes", "true", "1", "x"), True),
+    **dict.fromkeys(("no", "false", "0", ""), False),
 }
 # What spreadsheets call rows below the objects, in a few languages.
 _TOTALS = (
@@ -33,15 +42,27 @@ _TOTALS = (
 _NEEDED = ("name", "width", "height")
 _ALLOWED = (
     "name, width [m], height [m], and perhaps depth [m], inertia ratio, restitution,"
-    f" {_COEFFICIENT}, with lengths in m, cm, mm, in or ft"
+    f" {_COEFFICIENT}, one-sided, floor period [s], floor damping, with lengths in m, cm, mm, in"
+    " or ft"
 )
 
 
 class _Object(NamedTuple):
-    """An object: name; width, height, inertia ratio, restitution, its coefficient; remark."""
+    """An object of a table.
+
+    Attributes
+    ----------
+    name : str
+    numbers : tuple of float
+        Width, height, inertia ratio, restitution, its coefficient of variation, period and
+        damping of the floor.
+    one_sided : bool
+    remark : str
+    """
 
     name: str
-    numbers: tuple[float, float, float, float, float]
+    numbers: tuple[float, ...]
+    one_sided: bool
     remark: str
 
 
@@ -65,8 +86,16 @@ def read_inventory(
         ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is
         missing. A column or a cell may be missing, but for the first three columns.
 
-        Lengths are in m, cm, mm, in or ft, a coefficient of variation is a number or in %.
-        Units stand in the heads, in brackets or behind the name.
+        An object that stands against a wall, as a facade, has yes, true, 1 or x in the column
+        ``one-sided``, all others no, false, 0 or nothing. Its width is its side at right
+        angles to the wall; it has no depth. Its restitution may be negative; one that is
+        missing is that of `one_sided_restitution`. An object on an upper floor has a ``floor
+        period``, without which, or with 0, it stands on the ground floor, and perhaps a
+        ``floor damping``, a ratio that is 0.05 if it is missing.
+
+        Lengths are in m, cm, mm, in or ft, periods in s or ms; a coefficient of variation and
+        a damping are a number or in %. Units stand in the heads, in brackets or behind the
+        name.
     samples, seed : int
         Of uncertain restitutions; see `Uncertain`.
 
@@ -79,7 +108,8 @@ def read_inventory(
     ValueError
         With file and line, if the file cannot be read or seems to be cut, a head is not
         understood, a value is missing, no number or out of range, a name is there twice, or an
-        object is so stocky that Housner's restitution is negative.
+        object is so stocky that Housner's restitution is negative, or that a wall does not
+        throw it back.
 
     Examples
     --------
@@ -115,13 +145,22 @@ def read_inventory(
         )
         raise table.text.error(f"{reason} newline if it is complete", last.line)
     numbers = np.array([described.numbers for described in objects.values()])
-    width, height, ratio, restitution, coefficient = numbers.T
+    width, height, ratio, restitution, coefficient, period, damping = numbers.T
     block = Block.from_size(width=width, height=height, inertia_ratio=ratio)
     remarks = [described.remark for described in objects.values()]
     uncertain = None
     if coefficient.any():
         uncertain = Uncertain({"restitution": coefficient}, samples=samples, seed=seed)
-    return Inventory([*objects], block, restitution, uncertain, remarks)
+    return Inventory(
+        [*objects],
+        block,
+        restitution,
+        uncertain,
+        remarks,
+        one_sided=[described.one_sided for described in objects.values()],
+        floor_period=period,
+        floor_damping=damping if period.any() else None,
+    )
 
 
 def _find_columns(table: Table) -> dict[str, int]:
@@ -138,15 +177,17 @@ def _find_columns(table: Table) -> dict[str, int]:
         if not head.words and is_empty:
             continue
         # It is not left out: it may be one that the user relies on, under another name.
-        if head.quantity not in ("name", *_DOMAINS):
+        if head.quantity not in ("name", "one-sided", *_DOMAINS):
             reason = f"{name} is not understood: leave it out or rename it; columns are"
             raise table.text.error(f"{reason} {_ALLOWED}", table.line)
         if head.quantity in columns:
             reason = f"{name}: a column {head.quantity!r} is there already"
             raise table.text.error(reason, table.line)
-        if "length" in QUANTITIES[head.quantity].dimensions:
-            allowed = "" if head.units and not math.isnan(head.factor) else "a unit of length"
-        elif head.quantity == _COEFFICIENT:
+        (dimension,) = QUANTITIES[head.quantity].dimensions
+        if dimension in ("length", "time"):
+            has_unit = head.units and not math.isnan(head.factor)
+            allowed = "" if has_unit else f"a unit of {dimension}"
+        elif head.quantity in _PERCENTAGES:
             allowed = "no unit or %" if math.isnan(head.factor) else ""
         else:
             allowed = "no unit" if head.factor != 1 else ""
@@ -169,8 +210,9 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
     if not name or re.fullmatch(_TOTALS, name, re.I):
         reason = "leave out rows that are no object, as of totals, and rename others"
         raise table.text.error(f"a name was expected, got {name!r}: {reason}", row.line)
+    one_sided = _read_flag(table, row, columns)
     values = {
-        quantity: _read_number(table, row, columns[quantity], quantity)
+        quantity: _read_number(table, row, columns[quantity], quantity, one_sided)
         for quantity in _DOMAINS
         if quantity in columns and (row.cells[columns[quantity]] or quantity in _NEEDED)
     }
@@ -178,36 +220,87 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
     remarks = []
     # The shorter side of the base is the width: over the longer one it is harder to overturn.
     if "depth" in values:
+        if one_sided:
+            raise table.text.error(
+                "a one-sided object must have no depth: its width is its side at right angles"
+                f" to the wall, got a depth of {values['depth']:.4g} m",
+                row.line,
+            )
         side = "depth" if values["depth"] < width else "width"
         width = min(width, values["depth"])
         remarks.append(f"rocks over its {side}, {width:.4g} m")
     ratio = values.get("inertia ratio", RECTANGLE_INERTIA_RATIO)
+    block = Block.from_size(
+        width=width, height=values["height"], inertia_ratio=ratio, one_sided=one_sided
+    )
     if "restitution" not in values:
-        block = Block.from_size(width=width, height=values["height"], inertia_ratio=ratio)
-        housner = float(housner_restitution(block))
-        if housner < 0:
-            raise table.text.error(
-                "a restitution must be given for an object this stocky, since Housner's is"
-                f" {housner:.3g}",
-                row.line,
-            )
-        values["restitution"] = housner
-        remarks.append("Housner's restitution")
+        values["restitution"], remark = _compute_restitution(table, row, block)
+        remarks.append(remark)
     coefficient = values.get(_COEFFICIENT, 0.0)
-    block = Block.from_size(width=width, height=values["height"], inertia_ratio=ratio)
     try:
         # What cannot be drawn is refused with its line.
         Uncertain({"restitution": coefficient}, samples=1).draw(block, values["restitution"])
     except ValueError as error:
         raise table.text.error(str(error), row.line) from None
-    numbers = (width, values["height"], ratio, values["restitution"], coefficient)
-    return _Object(name, numbers, "; ".join(remarks))
+    period = values.get("floor period", 0.0)
+    if "floor damping" not in values and period:
+        remarks.append(f"damping of its floor not given, {FLOOR_DAMPING:g} assumed")
+    elif "floor damping" in values and not period:
+        damping = quote_word(row.cells[columns["floor damping"]])
+        reason = f"a floor damping goes with a floor period, got {damping} without one"
+        raise table.text.error(reason, row.line)
+    numbers = (
+        width,
+        values["height"],
+        ratio,
+        values["restitution"],
+        coefficient,
+        period,
+        values.get("floor damping", FLOOR_DAMPING),
+    )
+    return _Object(name, numbers, one_sided, "; ".join(remarks))
 
 
-def _read_number(table: Table, row: Row, column: int, quantity: str) -> float:
+def _compute_restitution(table: Table, row: Row, block: Block) -> tuple[float, str]:
+    """Compute a restitution that is not given, with its remark; a `ValueError` if none is."""
+    if block.one_sided:
+        restitution = float(one_sided_restitution(block))
+        reason = "since a wall does not throw it back: by its size the restitution is"
+        remark = "restitution at a wall by its size"
+        is_stocky = restitution > 0
+    else:
+        restitution = float(housner_restitution(block))
+        reason = "since Housner's is"
+        remark = "Housner's restitution"
+        is_stocky = restitution < 0
+    if is_stocky:
+        raise table.text.error(
+            f"a restitution must be given for an object this stocky, {reason}"
+            f" {restitution:.3g}",
+            row.line,
+        )
+    return restitution, remark
+
+
+def _read_flag(table: Table, row: Row, columns: dict[str, int]) -> bool:
+    """Read whether an object is one-sided; a `ValueError` with the line if it is not clear."""
+    if "one-sided" not in columns:
+        return False
+    column = columns["one-sided"]
+    cell = row.cells[column]
+    if cell.lower() not in _FLAGS:
+        name = f"column {quote_word(table.heads[column].words)}"
+        reason = f"{name} must be yes, no, true, false, 1, 0, x or empty, got"
+        raise table.text.error(f"{reason} {quote_word(cell)}", row.line)
+    return _FLAGS[cell.lower()]
+
+
+def _read_number(table: Table, row: Row, column: int, quantity: str, one_sided: bool) -> float:
     """Read a number in SI; a `ValueError` with the line if it is not allowed."""
     head = table.heads[column]
     domain = _DOMAINS[quantity]
+    if quantity == "restitution" and one_sided:
+        domain = ONE_SIDED_RESTITUTION
     cell = row.cells[column]
     number = table.parse_number(row, column)
     name = f"column {quote_word(head.words)}"

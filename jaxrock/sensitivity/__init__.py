@@ -17,6 +17,7 @@ from .outcome_probabilities import OutcomeProbabilities, outcome_probabilities
 from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
 from .reliability import ReliabilityResult, failure_probability
+from .uncertain import FLOOR_NAMES as FLOOR_NAMES
 from .uncertain import Draws, Uncertain
 from .uncertain import FloorFactors as FloorFactors
 

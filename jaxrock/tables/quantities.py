@@ -89,6 +89,11 @@ QUANTITIES: dict[str, Quantity] = {
         "",
         _RATIO,
     ),
+    "one-sided": Quantity(r"one[ -]?sided", "", _RATIO),
+    "floor period": Quantity(r"floor period|period of (?:the )?floor", "", _TIME),
+    "floor damping": Quantity(
+        r"floor damping(?: ratio)?|damping(?: ratio)? of (?:the )?floor", "", _RATIO
+    ),
     "name": Quantity(r"(?:object )?names?|objects?", "", _RATIO),
     # The largest one after an impact, of a block that rocks freely.
     "peak rotation": Quantity(
