@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -108,7 +108,7 @@ def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
     """Read a time [s] on which the number of samples depends; None if it is not given."""
     if value is None:
         return None
-    number: Any = convert_to_si(name, value, "s") if carries_unit(value) else value
+    number = cast("Any", convert_to_si(name, value, "s") if carries_unit(value) else value)
     if is_traced(number) or np.ndim(number):
         kind = "traced" if is_traced(number) else f"an array of shape {np.shape(number)}"
         raise ValueError(

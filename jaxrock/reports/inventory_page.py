@@ -125,7 +125,7 @@ def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
 
 
 def _name_places(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
-    """Name the columns about where objects stand, as far as some stand at a wall or on a floor."""
+    """Name the columns about walls and floors, as far as objects stand there."""
     columns = {}
     if "one_sided" in dataset:
         columns["one_sided"] = (
@@ -135,7 +135,7 @@ def _name_places(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
     if "floor_period" in dataset:
         columns["floor"] = (
             "floor [s]",
-            "Period of its floor, with the damping ratio in brackets; a dash on the ground floor.",
+            "Period of its floor, with its damping ratio in brackets; a dash on the ground.",
         )
     return columns
 
@@ -253,9 +253,9 @@ def _write_assumptions(dataset: "xarray.Dataset") -> str:
             " objects do not act back on it."
         )
     return (
-        "<p>Assumed: every object is a rigid block that stands free on a rigid floor, rocks about"
-        " the edges of its base and neither slides nor turns; where no restitution was given,"
-        f" Housner&rsquo;s; the restitution stays when the width changes.{wall}{floors}"
+        "<p>Assumed: every object is a rigid block that stands free on a rigid floor, rocks"
+        " about the edges of its base and neither slides nor turns; where no restitution was"
+        f" given, Housner&rsquo;s; the restitution stays when the width changes.{wall}{floors}"
         f" Simulated under {about['record_count']} records, each scaled to"
         f" {about['simulated_levels']} levels of the {MEASURES[about['measure']][0]}, by the"
         f" {html.escape(str(about['model']))} equation of motion; hazard:"

@@ -42,8 +42,8 @@ _TOTALS = (
 _NEEDED = ("name", "width", "height")
 _ALLOWED = (
     "name, width [m], height [m], and perhaps depth [m], inertia ratio, restitution,"
-    f" {_COEFFICIENT}, one-sided, floor period [s], floor damping, with lengths in m, cm, mm, in"
-    " or ft"
+    f" {_COEFFICIENT}, one-sided, floor period [s], floor damping, with lengths in m, cm, mm,"
+    " in or ft"
 )
 
 

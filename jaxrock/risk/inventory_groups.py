@@ -76,7 +76,7 @@ def group_objects(inventory: Inventory, site: Site) -> list[ObjectGroup]:
         selected = _select_objects(
             inventory, np.array(members), is_one_sided, bool(on_floor.any() and not period)
         )
-        group_site = site if suite is site.suite else site.with_suite(suite)
+        group_site = site if suite is site.suite else site.replace_suite(suite)
         groups.append(ObjectGroup(np.array(members), selected, group_site, "; ".join(words)))
     return groups
 

@@ -116,7 +116,7 @@ class Site(Printed, eqx.Module):
         levels = f"{len(self.levels)} levels of {self.measure} from {low:.4g} to {high:.4g}"
         return f"{self.suite}\n{hazard}\n{levels} {unit}"
 
-    def with_suite(self, suite: Suite) -> "Site":
+    def replace_suite(self, suite: Suite) -> "Site":
         """Return the site under other ground motions, with its hazard, measure and levels.
 
         Parameters
@@ -138,7 +138,7 @@ class Site(Printed, eqx.Module):
         >>> import jaxrock as jr
         >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
         >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
-        >>> print(site.with_suite(suite.both_directions()).suite)
+        >>> print(site.replace_suite(suite.both_directions()).suite)
         suite of 1 record in both directions of 6 samples, 0.1 s apart
         """
         check_kind("suite", suite, Suite)
