@@ -172,6 +172,7 @@ CALLS = {
         [2.0, 6.0 + k], [1.0, 6.0 + k], cycles=5
     ),
     "housner_restitution": lambda k: jr.housner_restitution(block(k)),
+    "one_sided_restitution": lambda k: jr.one_sided_restitution(block(k)),
     "intensity_measure": lambda k: jr.ground_motion.intensity_measure(record(seed=k), "pgv"),
     "launch_velocity": lambda k: jr.launch_velocity(scene(k)),
     "least_harmonic_amplitude": lambda k: jr.steady.least_harmonic_amplitude(

@@ -287,12 +287,16 @@ def test_both_directions_count_as_one_record():
     for name in ("dispersion", "probability", "probability_high", "standard_error"):
         np.testing.assert_allclose(tables[1][name], tables[0][name], rtol=1e-4)
     assert (tables[1].attrs["record_count"], tables[1].attrs["directions"]) == (3, 2)
+    many = jr.Uncertain({"restitution": 0.05, "scale": 0.5}, samples=64)
     intervals = [
-        jr.sensitivity.outcome_probabilities(BLOCK, 0.8, motions.scaled(0.7), uncertain)
+        jr.sensitivity.outcome_probabilities(BLOCK, 0.8, motions, many)
         for motions in (plain, both)
     ]
-    np.testing.assert_allclose(intervals[1].high, intervals[0].high, rtol=1e-12)
-    assert str(intervals[1]).startswith("3 records in both directions, each with 2 samples")
+    for name in ("low", "high", "by_median_error"):
+        before, after = (getattr(interval, name) for interval in intervals)
+        assert np.isfinite(before).any()
+        np.testing.assert_allclose(after, before, rtol=1e-9, err_msg=name)
+    assert str(intervals[1]).startswith("3 records in both directions, each with 64 samples")
 
 
 @pytest.mark.usefixtures("without_remarks")

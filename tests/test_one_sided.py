@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scenes import record
 from scipy.integrate import solve_ivp
+from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -118,8 +119,8 @@ def test_only_the_period_differs(model):
             (jr.critical_slenderness, (0.3,)),
         ):
             expected = function(FREE, 0.47, *extra, model=model)
-            found = function(WALL, restitution, *extra, model=model)
-            np.testing.assert_array_equal(found, expected)
+            answer = function(WALL, restitution, *extra, model=model)
+            np.testing.assert_array_equal(answer, expected)
     critical = jr.critical_intensity(WALL, C, 5.0, model)
     assert float(jr.critical_restitution(WALL, critical, 5.0, model)) == pytest.approx(0.47)
 
@@ -166,13 +167,13 @@ def test_transformations_keep_the_wall():
     mapped = jax.tree.map(lambda leaf: leaf + 0.0, scene)
     leaves, form = jax.tree.flatten(scene)
     moved = eqx.tree_at(lambda s: s.intensity, scene, jnp.asarray(0.3))
-    for other in (
+    for kept in (
         mapped,
         jax.tree.unflatten(form, leaves),
         moved,
         jax.jit(lambda s: s)(scene),
     ):
-        assert other.block.one_sided
+        assert kept.block.one_sided
     assert jax.tree.structure(scene) != jax.tree.structure(jr.Scene(FREE, 0.47, 0.3))
     many = jax.vmap(lambda i: jr.stabilized_period(jr.Scene(WALL, C, i)))(
         jnp.array([0.2, 0.3])
@@ -304,7 +305,7 @@ def test_pulses_of_finite_duration():
     assert float(jr.steady.pulsed_next_velocity(WALL, C, half_sine(0.01, -0.3), 0.0)) == 0
 
 
-@pytest.mark.parametrize("half_cycles", [2, np.inf])
+@pytest.mark.parametrize("half_cycles", first_by_default([np.inf, 2]))
 def test_critical_pulses_become_instantaneous(half_cycles):
     expected = float(jr.critical_intensity(WALL, C, half_cycles, "nonlinear"))
     errors = []
@@ -329,8 +330,8 @@ def test_predicted_costs_are_those_of_the_wall():
     # Linearizing, and rounding, cost what they cost a free-standing block.
     free = jr.model_error(jr.Scene(FREE, -C, 0.3))
     alike = jr.model_error(scene)
-    for found, expected in zip(jax.tree.leaves(alike), jax.tree.leaves(free), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15)
+    for cost, expected in zip(jax.tree.leaves(alike), jax.tree.leaves(free), strict=True):
+        np.testing.assert_allclose(cost, expected, rtol=1e-9, atol=1e-15)
     assert jr.choose(scene, 0.01).setting == jr.choose(jr.Scene(FREE, -C, 0.3), 0.01).setting
 
 
@@ -394,16 +395,16 @@ def test_rocking_spectrum():
 def test_overturning_spectrum_and_map():
     block = jr.Block(0.2, 5.0, one_sided=True)
     restitution = float(jr.one_sided_restitution(block))
-    found = jr.overturning_map(jr.Sine, [4.0], restitution=-0.9, one_sided=True)
-    assert found.attrs["restitution"] == 0.9
+    wall = jr.overturning_map(jr.Sine, [4.0], restitution=-0.9, one_sided=True)
+    assert wall.attrs["restitution"] == 0.9
     duration = 2 * np.pi / (4.0 * float(block.frequency_parameter))
     boundaries = jr.critical_amplitude(block, 0.9, jr.Sine, duration)
     uplift = 9.81 / 5.0
     ratios = np.asarray(boundaries.value) / uplift
-    np.testing.assert_allclose(found.amplitude_ratio.values[0], ratios, rtol=1e-8)
+    np.testing.assert_allclose(wall.amplitude_ratio.values[0], ratios, rtol=1e-8)
     # By a factor the first boundary differs from that of a free-standing block.
     free = jr.overturning_map(jr.Sine, [4.0], restitution=0.9)
-    assert float(found.amplitude_ratio[0, 0]) > 1.1 * float(free.amplitude_ratio[0, 0])
+    assert float(wall.amplitude_ratio[0, 0]) > 1.1 * float(free.amplitude_ratio[0, 0])
     edges = ratios[-1] * np.array([0.99, 1.01])
     spectrum = jr.overturning_spectrum(jr.Sine, [4.0], edges, restitution=-0.9, one_sided=True)
     np.testing.assert_array_equal(spectrum.overturned, [[0, 1]])
@@ -424,9 +425,9 @@ def overturns(block, restitution, motion):
 
 
 def test_boundaries_along_every_quantity():
-    found = jr.overturning.critical_factor(SLENDER, C, PULSE)
+    boundaries = jr.overturning.critical_factor(SLENDER, C, PULSE)
     free = jr.overturning.critical_factor(jr.Block(0.1, 5.0), -C, PULSE)
-    first = float(found.value[0])
+    first = float(boundaries.value[0])
     # The first half pushes into the wall, and the second one meets a block at rest.
     assert first < 0.7 * float(free.value[0])
     np.testing.assert_array_equal(
@@ -455,9 +456,9 @@ def test_boundary_along_the_restitution():
     pulse = jr.Sine(1.0, 0.8).scaled(4.4)
     magnitudes = np.linspace(0.05, 0.95, 10)
     outcomes = overturns(SLENDER, magnitudes, pulse)
-    found = jr.overturning_boundaries(SLENDER, C, pulse, "restitution", magnitudes)
-    assert bool(found.overturns_first) == outcomes[0]
-    assert np.asarray(found.value).size % 2 == (outcomes[0] != outcomes[-1])
+    boundaries = jr.overturning_boundaries(SLENDER, C, pulse, "restitution", magnitudes)
+    assert bool(boundaries.overturns_first) == outcomes[0]
+    assert np.asarray(boundaries.value).size % 2 == (outcomes[0] != outcomes[-1])
 
 
 def test_uplift_is_away_from_the_wall():
@@ -551,7 +552,7 @@ def test_driven_answers_of_uncertain_blocks():
 # Fits, reports, pictures
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_free_rocking_is_fitted(model):
     """Times between impacts with the decay of |C|, by trains: no impact law of this file."""
     train = jr.respond_to_train(WALL, -0.8, [0.0], [0.7], model)

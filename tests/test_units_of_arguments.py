@@ -142,3 +142,12 @@ def test_one_name_has_two_units(carry, eps):
     np.testing.assert_allclose(peak, oscillator.peak_displacement(0.3), rtol=4 * eps)
     with pytest.raises(ValueError, match=r"^velocity must be in rad/s, got 30.0 c"):
         jr.Linearized().peak_rotation(BLOCK, carry(30.0, "cm/s"))
+
+
+@pytest.mark.parametrize("carry", [of_pint, of_astropy])
+def test_times_of_a_floor_are_converted(carry):
+    record = jr.Record([0.0, 1.0, 0.0], 0.1)
+    options = {"time_step": carry(25.0, "ms"), "free_vibration": carry(0.01, "min")}
+    floor = record.on_floor(carry(600.0, "ms"), carry(5.0, "percent"), **options)
+    plain = record.on_floor(0.6, 0.05, time_step=0.025, free_vibration=0.6)
+    np.testing.assert_allclose(floor.acceleration, plain.acceleration, rtol=1e-6)

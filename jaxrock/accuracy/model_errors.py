@@ -317,8 +317,8 @@ def _estimate_duration_costs(
     """
     duration = pulse.duration
     centroid = pulse.centroid
-    # A pulse acts at its centroid, and up to there the block goes at C of the velocity: in each
-    # half-cycle it is late by 1 - C of that time.
+    # A pulse acts at its centroid, and up to there the block goes at C of the velocity: in
+    # each half-cycle it is late by 1 - C of that time.
     later = count_half_cycles(scene.block) * duration * (1 - scene.restitution) * centroid
     # The critical intensity is where the block settles at the critical velocity: there the
     # shift of the velocity says by how much the intensity has to change the other way.

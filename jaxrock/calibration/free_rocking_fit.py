@@ -59,7 +59,8 @@ def fit_free_rocking(
         Times of successive impacts [s], increasing.
     block : Block, optional
         The block, if it is known. Without it p is fitted too, from the times, and alpha_c if
-        there are peaks as well. Of a one-sided block C is the magnitude, and peaks are positive.
+        there are peaks as well. Of a one-sided block C is the magnitude, and peaks are
+        positive.
     peak_rotations : array_like, shape (n - 1,), optional
         Largest rotation between each impact and the next [rad], to either side; NaN where
         unknown. Without times, those of successive half-cycles, of any number.

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -108,17 +108,16 @@ def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
     """Read a time [s] on which the number of samples depends; None if it is not given."""
     if value is None:
         return None
-    if carries_unit(value):
-        value = convert_to_si(name, value, "s")
-    if is_traced(value) or np.ndim(value):
-        kind = "traced" if is_traced(value) else f"an array of shape {np.shape(value)}"
+    number = cast("Any", convert_to_si(name, value, "s") if carries_unit(value) else value)
+    if is_traced(number) or np.ndim(number):
+        kind = "traced" if is_traced(number) else f"an array of shape {np.shape(number)}"
         raise ValueError(
             f"{name} must be one number, on which the number of samples depends, got {kind}"
         )
-    if not isinstance(value, int | float | np.ndarray | np.generic | jax.Array):
-        as_real(name, value)  # raises, and says what it is
+    if not isinstance(number, int | float | np.ndarray | np.generic | jax.Array):
+        as_real(name, number)  # raises, and says what it is
     # No array of JAX: within a transformation it would be traced.
-    time = float(value)
+    time = float(number)
     check(name, time, domain)
     return time
 
