@@ -422,7 +422,7 @@ def test_a_wall_and_a_floor_reach_the_library(capsys, tmp_path):
     code, text, _ = run(capsys, "respond", *wall, *motion, *others)
     assert code == 0
     block = jr.Block.from_size(width=0.6, height=6.0, one_sided=True)
-    motion = jr.example_record().on_floor(0.4, 0.1, time_step=0.02).scaled(-1.0)
+    motion = jr.example_record().on_floor(0.4, 0.1).scaled(-1.0)
     expected = jr.respond(block, jr.one_sided_restitution(block), motion, motion.end + 10)
     answer = json.loads(text)
     assert answer["peak_rotation"] == pytest.approx(float(expected.peak_rotation), rel=1e-9)
@@ -683,6 +683,16 @@ CALLS = {
         "jaxrock.risk.fragility",
         {"tolerance": 0.02, "model": "linearized", "uncertain": None},
     ),
+    "fragility on a floor": (
+        "--floor-period 0.3 --uncertain floor_period=0.2 --samples 4",
+        "jaxrock.risk.fragility",
+        {"uncertain": jr.Uncertain({"floor_period": 0.2}, samples=4)},
+    ),
+    "sensitivity in both directions": (
+        "--records example --one-sided --slenderness 8 --scale 2",
+        "jaxrock.cli.driven_sensitivity.outcome_probabilities",
+        {"ratio": 0.5},
+    ),
     "harmonic": (
         "--restitution 0.8 --cycles 7 --model linearized --slenderness 4 --inertia-ratio 1.2",
         "jaxrock.cli.harmonic.harmonic_spectrum",
@@ -726,11 +736,16 @@ def test_options_arrive_in_the_library(capsys, tmp_path, monkeypatch, name):
     write_inputs(tmp_path)
     calls = []
 
-    def compute_nothing(*_, **arguments):
-        calls.append(arguments)
+    def compute_nothing(*arguments, **named):
+        calls.append((arguments, named))
         raise ValueError("nothing is computed")
 
     monkeypatch.setattr(function, compute_nothing)
-    code, _, err = run(capsys, name, *words.split())
+    code, _, err = run(capsys, name.split()[0], *words.split())
     assert (code, err) == (2, "jaxrock: error: nothing is computed\n")
-    assert {key: calls[0][key] for key in expected} == expected
+    arguments, named = calls[0]
+    assert {key: named[key] for key in expected} == expected
+    if "directions" in name:
+        suite = next(part for part in arguments if isinstance(part, jr.Suite))
+        assert suite.directions == 2
+        assert float(suite.records[0].scale) == 2

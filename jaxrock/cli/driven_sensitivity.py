@@ -163,16 +163,10 @@ def answer_driven(
 def _compute_probabilities(asked: DrivenQuestion) -> OutcomeProbabilities:
     """Compute the probabilities of outcomes of uncertain parameters."""
     question = asked.question
-    motion = asked.motion
-    if isinstance(motion, Suite):
-        records = [record.scaled(asked.scale) for record in motion]
-        motion = Suite(records, motion.names)
-    else:
-        motion = motion.scaled(asked.scale)
     return outcome_probabilities(
         question.block,
         question.at["restitution"],
-        motion,
+        asked.motion.scaled(asked.scale),
         question.make_uncertain(asked.samples, asked.seed),
         ratio=asked.ratio,
         model=question.model,

@@ -98,7 +98,7 @@ def fragility(
     if uncertainty is not None:
         options["samples"] = uncertainty.samples
         # Drawn once here, so that a name that is none is refused before anything is computed.
-        uncertainty.draw(block, c)
+        uncertainty.draw(block, c, on_floor=suite.floor is not None)
     about = describe_options("fragility", options)
     compute = functools.partial(
         risk.fragility,

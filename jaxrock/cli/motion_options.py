@@ -26,8 +26,8 @@ from .options import Grid, read_numbers, refuse
 MOTION = Group("Ground motion", sort_key=2)
 # Decorator of the classes below: their fields become options of a command.
 _OF_MOTION = Parameter(name="*", group=MOTION)
-# Samples of a floor's motion in a period, at least: lines between them miss 1 % of it.
-_SAMPLES_OF_PERIOD = 20
+# Samples of a floor's motion in a period, at least: lines between them miss 0.5 % of it.
+_SAMPLES_OF_PERIOD = 30
 
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
 Direction = Literal["recorded", "reversed", "both"]
@@ -64,7 +64,10 @@ class RecordOptions:
         """Read the record, by default the example, without the factor; on its floor."""
         record = self._read_record()
         floor = read_floor(self.floor_period, self.floor_damping)
-        return record if floor is None else record.on_floor(**floor)
+        if floor is None:
+            return record
+        # In a suite a record that has a finer step than the floor needs keeps it.
+        return cast("Record", Suite([record]).on_floor(**floor)[0])
 
     def _read_record(self) -> Record:
         """Read the record, by default the example, of the ground."""

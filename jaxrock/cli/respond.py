@@ -147,7 +147,12 @@ def _describe_scene(block: Block, restitution: float, options: MotionOptions) ->
         columns = [name for name in (options.column, options.vertical) if name is not None]
         if columns:
             motion = f"{motion} ({', '.join(columns)})"
-    return f"{sizes}, C = {restitution:.4g}, {motion}, scaled by {options.factor:g}"
+    wall = ", one-sided" if block.one_sided else ""
+    floor = ""
+    if options.floor_period is not None:
+        floor = f", on a floor of period {options.floor_period:g} s"
+    scaled = f"scaled by {options.factor:g}"
+    return f"{sizes}{wall}, C = {restitution:.4g}, {motion}, {scaled}{floor}"
 
 
 def _describe_uplift(response: driven.Response, factor: float, scale: float | None) -> str:

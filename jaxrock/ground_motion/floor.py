@@ -36,8 +36,12 @@ from .oscillator_response import compute_absolute_accelerations
 
 _Record = TypeVar("_Record", bound=Checked)
 
-# Ten times critical damping is beyond any building, and within what the recursion is exact for.
-_DAMPING = Domain("between 0 and 10", lambda ratio: (ratio >= 0) & (ratio <= 10), 0.05)
+# Damping far beyond the critical one is no building, but likely a number of per cent.
+_DAMPING = Domain(
+    "between 0 and 1.5, a ratio, not in per cent",
+    lambda ratio: (ratio >= 0) & (ratio <= 1.5),
+    0.05,
+)
 # The free vibration is over where the floor stays below this part of its peak.
 _NEGLIGIBLE = 1e-3
 # Part of the peak that straight lines between samples may miss without a warning.

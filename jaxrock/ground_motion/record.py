@@ -246,7 +246,7 @@ class Record(Motion):
         period : array_like
             Periods of the modes [s], greater than 0.
         damping : array_like
-            Damping ratios [-], between 0 and 10; 1 is critical.
+            Damping ratios [-], between 0 and 1.5, a ratio, not in per cent; 1 is critical.
         participation : array_like
             Participation of each mode in the motion of the floor [-]: the modal participation
             factor times the mode shape there. A single number is that of one mode, and arrays

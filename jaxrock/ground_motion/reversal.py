@@ -42,6 +42,7 @@ def find_directions(which: slice, recordings: int, directions: int) -> int:
     if list(places[half:]) != [place + recordings for place in places[:half]]:
         raise ValueError(
             "a part of a suite in both directions must have both directions of each of its"
-            f" records, or one of each, got {which.start}:{which.stop}:{which.step}"
+            " records, in the order of the suite, or one of each, got"
+            f" {which.start}:{which.stop}:{which.step}"
         )
     return 2

@@ -102,8 +102,17 @@ class Suite(Printed, eqx.Module):
                     "ground must be a suite on the ground, of as many records, scales and"
                     f" directions as the one on the floor, got {ground}"
                 )
-        if floor is not None and ground is None:
-            raise ValueError("ground must be given with a floor")
+            if ground.names != self.names:
+                raise ValueError(
+                    f"ground must have the names of the records, got {ground.names} and"
+                    f" {self.names}"
+                )
+        if floor is not None:
+            check_kind("floor", floor, Floor)
+            if ground is None or floor.shape:
+                raise ValueError(
+                    f"floor must be a single one, with its ground given as well, got {floor}"
+                )
         self.ground = ground
         self.floor = floor
         self.directions = int(directions)

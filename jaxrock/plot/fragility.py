@@ -91,7 +91,11 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         width = 2 * about["half_width"]
         c = about["restitution"]
         size = f"{width:.3g} m wide, {width * about['slenderness']:.3g} m high"
-        ax.set_title(f"{size}, $C$ = {c:.3g}, {dataset.record.size} records")
+        wall = ", one-sided" if about.get("one_sided") else ""
+        # Both directions of a record count as one.
+        records = about.get("records", dataset.record.size)
+        ways = " in both directions" if about.get("directions", 1) > 1 else ""
+        ax.set_title(f"{size}{wall}, $C$ = {c:.3g}, {records} records{ways}")
     ax.set(xscale="log", ylim=(-0.03, 1.03))
     tick_decades(ax.xaxis)
     confidence = f"{about['confidence']:.0%} " if "confidence" in about else ""

@@ -292,7 +292,11 @@ def _draw_rocking_curves(spectrum: xarray.Dataset, ax: Axes) -> None:
     _finish_panel(ax, standing, "slenderness")
     ax.set_ylabel(r"peak rotation $|\alpha|_{max}/\alpha_c$ [-]")
     given = "restitution" in spectrum.coords
-    title = f"$C$ = {spectrum.restitution.item():g}" if given else "Housner's $C$"
+    is_one_sided = bool(spectrum.attrs.get("one_sided"))
+    default = "one-sided $C$ by size" if is_one_sided else "Housner's $C$"
+    title = f"$C$ = {spectrum.restitution.item():g}" if given else default
+    if given and is_one_sided:
+        title = f"{title}, one-sided"
     record = spectrum.attrs.get("record")
     ax.set_title(
         f"{title}, {record} scaled by {spectrum.attrs.get('scale', 1):g}" if record else title

@@ -131,7 +131,7 @@ def assess_inventory(
     Notes
     -----
     An object on a floor is assessed under ``site.suite.on_floor(period, damping)``, with steps
-    of at most 1/20 of the period: a floor of one mode with participation 1. Levels and the
+    of at most 1/30 of the period: a floor of one mode with participation 1. Levels and the
     hazard are those of the ground. A one-sided object is assessed under the suite in both
     directions. Remarks say which object is. An uncertain ``floor_period`` or
     ``floor_damping`` counts for objects on floors.

@@ -12,7 +12,7 @@ from .site import Site
 
 # The samples of a floor are so close, over its period, that straight lines between them miss
 # about 1 % of its motion. Most records have a finer step, which stays.
-_STEP = 1 / 20
+_STEP = 1 / 30
 
 
 class ObjectGroup(NamedTuple):

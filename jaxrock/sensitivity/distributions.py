@@ -1,7 +1,7 @@
 """Distributions of parameters that are uncertain: by median and coefficient of variation."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from typing import TypeVar
 
 import jax
@@ -34,7 +34,7 @@ def quantiles(z: AnyArray, median: AnyArray, width: AnyArray, bounded: AnyArray)
 
 
 def find_widths(
-    names: Iterable[str], median: np.ndarray, variation: np.ndarray
+    names: Collection[str], median: np.ndarray, variation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find widths of distributions from coefficients of variation; tell which are bounded.
 
@@ -43,6 +43,9 @@ def find_widths(
     the logarithm, or (normal) of the parameter over its median.
     """
     bounded = np.asarray([name.endswith(_BETWEEN_0_AND_1) for name in names], bool)
+    for name, value in zip(names, np.atleast_1d(median), strict=True):
+        if name.endswith(_BETWEEN_0_AND_1) and value < 0:
+            raise ValueError(f"{name} must be at least 0 to be uncertain, got {value:g}")
     # At a median of 0, or without uncertainty, there is no logit with a width.
     bounded &= (median > 0) & (variation > 0)
     width = np.where(median > 0, np.log1p(variation**2) ** 0.5, variation)
