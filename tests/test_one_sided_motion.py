@@ -103,8 +103,8 @@ def test_what_pushes_into_the_wall_moves_nothing():
         np.testing.assert_allclose(response.peak_rotation, expected.peak_rotation, rtol=1e-5)
         np.testing.assert_allclose(many.peak_rotation, expected.peak_rotation, rtol=1e-5)
     assert int(response.impacts) == int(many.impacts) == float(response.peak_rotation) == 0
-    # What pushes into the wall, the wall carries.
-    assert float(response.friction_demand) == 0
+    # What pushes into the wall, the wall carries; but for the rounding of its end.
+    assert float(response.friction_demand) < 1e-6
     away = jr.respond(BOUNCY, 0.4, jr.HalfSine(1.0, 0.3), 3.0)
     np.testing.assert_allclose(away.friction_demand, 1 / 9.81, rtol=1e-5)
 

@@ -98,7 +98,10 @@ def _divide_by_strength(
     push, lift = (x.reshape(shape) for x in motion.value(knots))
     outward = push if one_sided else abs(push)
     strength = pick_largest(outward - tangent[..., None] * lift)
-    lifts = strength > 0
+    # A pulse into the wall ends with a push away from it that is mere rounding.
+    rounding = 64 * float(jnp.finfo(strength.dtype).eps)
+    least = rounding * jnp.max(abs(push), axis=-1) if one_sided else 0
+    lifts = strength > least
     factor = jnp.where(lifts, needed / jnp.where(lifts, strength, 1), jnp.inf)
     return jnp.where(valid, factor, jnp.nan)
 
