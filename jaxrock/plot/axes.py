@@ -104,7 +104,7 @@ def add_strip_above(ax: Axes, low: float, high: float) -> Axes:
     height = 0.28  # as a fraction of `ax`
     ax.set_ylim(low, low + (high - low) / (1 - height))
     ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(-high, high)
-    ax.set_yticks([tick for tick in ticks if abs(tick) < high])
+    ax.set_yticks([tick for tick in ticks if low < tick < high])
     ax.yaxis.label.set_y((1 - height) / 2)
     above = ax.inset_axes((0, 1 - height, 1, height), sharex=ax)
     above.axhline(0, color=LINE, linewidth=0.6)

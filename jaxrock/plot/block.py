@@ -28,6 +28,8 @@ from .axes import (
 
 _STAND_IN = "a rectangle stands in for the outline"
 _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
+# Of that below 0 for a block that never is there: impacts are drawn in it.
+_ROOM_AT_WALL = 0.3
 _FRAMES = 400  # of a film, at most
 
 
@@ -156,9 +158,10 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     impacts = np.asarray(response.impact_times)
     speeds = np.abs(np.asarray(response.impact_velocities))
     # Without an impact the largest velocity is 0, by which nothing can be divided.
-    tips = limit * (0.25 * speeds / max(speeds.max(initial=0), 1e-300) - 1)
+    bottom = -_ROOM_AT_WALL * limit if scene.block.one_sided else -limit
+    tips = bottom + limit * 0.25 * speeds / max(speeds.max(initial=0), 1e-300)
     name = "impacts (height: velocity)" if impacts.size else ""
-    ax.vlines(impacts, -limit, tips, color=ACCENT, linewidth=0.8, label=name)
+    ax.vlines(impacts, bottom, tips, color=ACCENT, linewidth=0.8, label=name)
     # Without an entry in the legend where the lines lie outside of the limits.
     add_level(ax, 1.0, "critical angle" if limit > 1 else None)
     if bool(response.overturned) and np.isfinite(response.overturning_time):
@@ -167,7 +170,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
         )
 
     ax.set_xlim(first, last)
-    above = add_strip_above(ax, -limit, limit)
+    above = add_strip_above(ax, bottom, limit)
     # A vertical component makes the block lighter or heavier, and so easier to lift or harder.
     weight = 1 + np.asarray(scene.motion.upward(times)) / float(scene.block.gravity)
     lifting = float(uplift_acceleration(scene.block, response.model)) * weight
@@ -222,7 +225,8 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     # The fall, much faster than what came before it, does not set the limits.
     limit = max(1.2, 1.1 * min(float(np.nanmax(shown)), 3))
     reach = min(1.5, 1.2 * float(np.max(np.abs(rotation))) / angle or 1.5)
-    ax.set(xlim=(-reach, reach), ylim=(-limit, limit))
+    leftmost = -0.05 * reach if block.one_sided else -reach
+    ax.set(xlim=(leftmost, reach), ylim=(-limit, limit))
     # Small ratios have long numbers, which would touch.
     ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     ax.legend(**ABOVE, ncols=2)

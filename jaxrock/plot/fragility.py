@@ -93,8 +93,9 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         size = f"{width:.3g} m wide, {width * about['slenderness']:.3g} m high"
         wall = ", one-sided" if about.get("one_sided") else ""
         # Both directions of a record count as one.
-        records = about.get("records", dataset.record.size)
-        ways = " in both directions" if about.get("directions", 1) > 1 else ""
+        directions = about.get("directions", 1)
+        ways = "\nin both directions" if directions > 1 else ""
+        records = dataset.record.size // directions
         ax.set_title(f"{size}{wall}, $C$ = {c:.3g}, {records} records{ways}")
     ax.set(xscale="log", ylim=(-0.03, 1.03))
     tick_decades(ax.xaxis)
