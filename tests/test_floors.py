@@ -340,3 +340,16 @@ def test_many_floors_are_simulated_in_groups(monkeypatch):
     monkeypatch.setattr(ground_motions, "_GROUP_ROOM", 1)
     grouped = jr.overturning_rate(BLOCK, 0.8, site, uncertain)
     np.testing.assert_array_equal(grouped.sample_rates, whole.sample_rates)
+
+
+def test_answers_say_on_which_motions_they_rest():
+    both = suite().on_floor(0.4, time_step=0.01).both_directions()
+    wall = jr.Block(0.15, 4.0, one_sided=True)
+    spectrum = jr.rocking_spectrum(both, [2.0], slenderness=[5.0], one_sided=True)
+    curves = jr.fragility(wall, -0.45, both, [0.4, 1.0, 2.0])
+    for dataset in (spectrum, curves):
+        assert dataset.attrs["directions"] == 2
+        assert dataset.attrs["one_sided"] == 1
+        assert dataset.attrs["floor"].startswith("floor of period 0.4 s")
+    title = jr.plot.plot_fragility(curves).get_title()
+    assert title.endswith("one-sided, $C$ = 0.45, 3 records\nin both directions")

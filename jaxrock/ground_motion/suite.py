@@ -371,6 +371,16 @@ class Suite(Printed, eqx.Module):
         )
 
 
+def describe_suite(suite: Suite) -> dict[str, int | str]:
+    """Make the attributes of a dataset about directions of the records, and their floor."""
+    attributes: dict[str, int | str] = {}
+    if suite.directions > 1:
+        attributes["directions"] = suite.directions
+    if suite.ground is not None:
+        attributes["floor"] = "given by records" if suite.floor is None else str(suite.floor)
+    return attributes
+
+
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
     """Measure the records, each of which has to be above 0, so that a factor can scale it.
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..grids import DataType
-from ..ground_motion import Suite
 from ..host import add_names
 from .clopper_pearson import bound_probabilities
 from .lognormal import LognormalFit, fit_lognormal
@@ -26,16 +25,6 @@ def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
         "long_name": long_name,
         "units": units.replace("m/s2", "m s-2").replace("m/s", "m s-1"),
     }
-
-
-def describe_suite(suite: Suite) -> dict[str, object]:
-    """Make the attributes of a dataset about directions of the records, and their floor."""
-    attributes = {}
-    if suite.directions > 1:
-        attributes["directions"] = suite.directions
-    if suite.ground is not None:
-        attributes["floor"] = "given by records" if suite.floor is None else str(suite.floor)
-    return attributes
 
 
 # Dimensions beside object and threshold, type, and long name of the variables of a curve. The

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..block import Block, size_of
 from ..driven import Batch, Labels, follow_within, require_complete
 from ..grids import DataType, Grid, GridVariable, apply_padded
-from ..ground_motion import MEASURES, Suite, require_positive_measures
+from ..ground_motion import MEASURES, Suite, describe_suite, require_positive_measures
 from ..host import add_names
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..sensitivity import Uncertain
@@ -31,7 +31,6 @@ from .exceedance import (
     NAMED_THRESHOLDS,
     Threshold,
     add_curves,
-    describe_suite,
     describe_variable,
 )
 from .floor_samples import vary_motions

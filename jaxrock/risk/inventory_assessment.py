@@ -7,14 +7,14 @@ import jax
 import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
-from ..ground_motion import MEASURES
+from ..ground_motion import MEASURES, describe_suite
 from ..host import add_names, make_dataset
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
 from .clopper_pearson import bound_probabilities
 from .drawn_objects import draw_objects
-from .exceedance import describe_suite, describe_variable
+from .exceedance import describe_variable
 from .hazard import Hazard, compute_return_periods
 from .inventory import Inventory
 from .inventory_groups import ObjectGroup, describe_places, group_objects

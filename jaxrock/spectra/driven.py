@@ -27,7 +27,15 @@ from ..grids import (
     as_axis,
     list_points,
 )
-from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, check_pulse_class
+from ..ground_motion import (
+    Harmonic,
+    Motion,
+    Pulse,
+    Record,
+    Suite,
+    check_pulse_class,
+    describe_suite,
+)
 from ..host import add_names
 from ..impact import read_restitution
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -156,6 +164,7 @@ def rocking_spectrum(
         "motion": records[0].name,
         "gravity": gravity,
         "inertia_ratio": inertia_ratio,
+        **(describe_suite(motion) if isinstance(motion, Suite) else {}),
     }
     if one_sided:
         about["one_sided"] = 1
