@@ -271,7 +271,7 @@ def test_both_directions_count_as_one_record():
         )
         for name in ("rate", "standard_error", "not_detected"):
             np.testing.assert_allclose(
-                getattr(two_ways, name), getattr(one_way, name), rtol=1e-4, err_msg=name
+                getattr(two_ways, name), getattr(one_way, name), rtol=1e-3, err_msg=name
             )
         assert "from 3 records in both directions" in str(two_ways)
     traced = jax.jit(lambda c: jr.overturning_rate(BLOCK, c, sites[1]).standard_error)(0.8)
@@ -285,7 +285,7 @@ def test_both_directions_count_as_one_record():
     objects = jr.risk.Inventory(["a"], jr.Block(np.array([0.15]), 4.0), 0.8)
     tables = [jr.risk.assess_inventory(objects, site, 1e-3) for site in sites]
     for name in ("dispersion", "probability", "probability_high", "standard_error"):
-        np.testing.assert_allclose(tables[1][name], tables[0][name], rtol=1e-4)
+        np.testing.assert_allclose(tables[1][name], tables[0][name], rtol=1e-3)
     assert (tables[1].attrs["record_count"], tables[1].attrs["directions"]) == (3, 2)
     many = jr.Uncertain({"restitution": 0.05, "scale": 0.5}, samples=64)
     intervals = [

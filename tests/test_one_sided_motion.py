@@ -15,7 +15,16 @@ import jaxrock as jr
 FACADE = jr.Block.from_size(width=0.6, height=6.0, one_sided=True)
 # Of the example suite, every other one with its vertical component.
 RECORDS = list(jr.example_suite().names)
+_NAMES = []  # of the programs that were compiled
 BOUNCY = jr.Block(0.2, 4.0, one_sided=True)
+
+
+def _hear(event, seconds, **details):
+    if event == "/jax/core/compile/backend_compile_duration":
+        _NAMES.append(details.get("fun_name", ""))
+
+
+jax.monitoring.register_event_duration_secs_listener(_hear)
 
 
 def table(shape):
@@ -240,25 +249,16 @@ def test_the_push_that_lifts_is_the_one_away_from_the_wall():
 
 def test_one_program_of_the_batch_more():
     """For records; whatever else is asked of blocks against a wall, or of free-standing ones."""
-    names = []
-
-    def hear(event, seconds, **details):
-        if event == "/jax/core/compile/backend_compile_duration":
-            names.append(details.get("fun_name", ""))
-
     record = jr.Record([0.0, 4.0, -5.0, 3.0, 0.0], 0.15)
     free = jr.Block(0.2, 4.0)
     jr.respond_batch(free, 0.4, record)
     jr.respond_batch(BOUNCY, 0.4, record)
-    jax.monitoring.register_event_duration_secs_listener(hear)
-    try:
-        jr.respond_batch(jr.Block(np.array([0.2, 0.3]), 5.0, one_sided=True), -0.3, record)
-        jr.respond_within(BOUNCY, 0.4, record, 1e-3)
-        jr.overturning_boundaries(BOUNCY, 0.4, record, "factor", np.array([0.5, 1.0, 2.0]))
-        jr.respond_batch(free, 0.5, record.scaled(-1.0))
-    finally:
-        jax.monitoring.unregister_event_duration_listener(hear)
-    assert not any("follow_rows" in name for name in names)
+    _NAMES.clear()
+    jr.respond_batch(jr.Block(np.array([0.2, 0.3]), 5.0, one_sided=True), -0.3, record)
+    jr.respond_within(BOUNCY, 0.4, record, 1e-3)
+    jr.overturning_boundaries(BOUNCY, 0.4, record, "factor", np.array([0.5, 1.0, 2.0]))
+    jr.respond_batch(free, 0.5, record.scaled(-1.0))
+    assert not any("follow_rows" in name for name in _NAMES)
 
 
 def test_ground_that_falls_away_lifts_to_the_side_without_the_wall():
