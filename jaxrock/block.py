@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .body import RECTANGLE_INERTIA_RATIO as RECTANGLE_INERTIA_RATIO
-from .body import compute_shape, compute_size, share_in_centre
+from .body import compute_shape, compute_size, fraction_in_centre
 from .host import Printed, format_derivatives, format_number
 from .numerics import angle
 from .validation import (
@@ -296,8 +296,8 @@ class Block(Printed, Checked):
     @elementwise()
     def frequency_parameter(self) -> Reals:
         """Rate of free rocking near equilibrium, p = sqrt(g / (kappa R)) [1/s]."""
-        share = share_in_centre(self.inertia_ratio)
-        return jnp.sqrt(share * self.gravity / (self.half_width * diagonal_ratio(self)))
+        fraction = fraction_in_centre(self.inertia_ratio)
+        return jnp.sqrt(fraction * self.gravity / (self.half_width * diagonal_ratio(self)))
 
     @elementwise(intensity=quantity(NON_NEGATIVE, "m/s"))
     def pulse_velocity(self, intensity: Number) -> Reals:
@@ -321,7 +321,7 @@ class Block(Printed, Checked):
             If a concrete `intensity` is out of range. A traced one gives NaN.
         """
         shape = self.slenderness / (1 + self.slenderness**2)
-        return share_in_centre(self.inertia_ratio) * shape * intensity / self.half_width
+        return fraction_in_centre(self.inertia_ratio) * shape * intensity / self.half_width
 
 
 def warn_of_size(name: str, value: AnyArray, stacklevel: int = 2) -> None:

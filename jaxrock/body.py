@@ -17,8 +17,8 @@ from .validation import (
 RECTANGLE_INERTIA_RATIO = 4 / 3
 
 
-def share_in_centre(inertia_ratio: Reals) -> Reals:
-    """Compute 1 / kappa, the share of the moment of inertia that a mass in its centre has."""
+def fraction_in_centre(inertia_ratio: Reals) -> Reals:
+    """Compute 1 / kappa: which fraction of the inertia the mass has in its centre."""
     # A plain reciprocal XLA merges with the next quotient, which rounds otherwise than 0.75
     # does.
     return 0.75 * (RECTANGLE_INERTIA_RATIO / inertia_ratio)
@@ -34,8 +34,8 @@ def compute_size(
     frequency_parameter: Number, critical_angle: Number, gravity: Number, inertia_ratio: Number
 ) -> tuple[Reals, Reals]:
     """Compute half-width and slenderness from measured parameters."""
-    share = share_in_centre(jnp.asarray(inertia_ratio))
-    half_diagonal = share * gravity / jnp.square(frequency_parameter)
+    fraction = fraction_in_centre(jnp.asarray(inertia_ratio))
+    half_diagonal = fraction * gravity / jnp.square(frequency_parameter)
     return half_diagonal * jnp.sin(critical_angle), 1 / jnp.tan(critical_angle)
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .block import Block
-from .body import share_in_centre
+from .body import fraction_in_centre
 from .validation import (
     UNIT_INTERVAL,
     Domain,
@@ -82,9 +82,9 @@ def prepare_restitution(arguments: dict[str, object]) -> None:
 
 
 def _take_magnitude(restitution: Reals) -> Reals:
-    """Take the magnitude, whose derivative at 0 is that for larger values."""
+    """Take the magnitude, whose derivative at 0 is 1 in JAX, as for larger values."""
     if is_traced(restitution):
-        return jnp.where(restitution < 0, -restitution, restitution)
+        return jnp.abs(restitution)
     # In NumPy, which compiles nothing.
     return as_array(np.abs(np.asarray(restitution)))
 
@@ -113,7 +113,7 @@ def housner_restitution(block: Block) -> Reals:
     0.942
     """
     square = block.slenderness**2
-    twice = 2 * share_in_centre(block.inertia_ratio)
+    twice = 2 * fraction_in_centre(block.inertia_ratio)
     # For stocky blocks the first form cancels (a rectangle: near 0.707), for tall ones the
     # second.
     stocky = twice * square / (1 + square) - (twice - 1)
@@ -124,12 +124,14 @@ def housner_restitution(block: Block) -> Reals:
 def one_sided_restitution(block: Block) -> Reals:
     """Compute the coefficient of restitution of a block that rocks against a wall.
 
-    As the block comes back, it meets the far edge of its base, then the wall, then the near
-    edge of its base. Each of these impacts conserves the angular momentum about the new centre
-    of rotation (Sorrentino, AlShawa and Decanini 2011, doi:10.1007/s10518-011-9291-1, for a
-    rectangle). The velocity is reversed, so that it is negative. Tests of walls gave a
-    magnitude some 5 % smaller. It is positive for a stocky block, a rectangle below a slenderness
-    of 1.414, which the wall does not throw back.
+    As the block comes back, it meets the ground with the back edge of its base, then the wall
+    with its top, then the ground with the front edge. Each of these impacts conserves the
+    angular momentum about the point of contact; between the last two the block is taken to
+    turn about the back edge again (Sorrentino, AlShawa and Decanini 2011,
+    doi:10.1007/s10518-011-9291-1, for a rectangle). The velocity is reversed, so that the
+    coefficient is negative. Tests of walls gave a magnitude some 5 % smaller. It is positive
+    for a stocky block, a rectangle below a slenderness of 1.414, which the wall does not throw
+    back.
 
     Parameters
     ----------
@@ -148,7 +150,7 @@ def one_sided_restitution(block: Block) -> Reals:
     -0.471
     """
     square = block.slenderness**2
-    twice = 2 * share_in_centre(block.inertia_ratio)
-    # The cosine of a stocky block is small: 1 - twice + twice sin^2 would cancel.
-    wall = 1 - twice * square / (1 + square)
-    return housner_restitution(block) ** 2 * wall
+    twice = 2 * fraction_in_centre(block.inertia_ratio)
+    # The first and the third impact are Housner's, the second one is at the wall.
+    at_wall = 1 - twice * square / (1 + square)
+    return housner_restitution(block) ** 2 * at_wall

@@ -12,6 +12,7 @@ from ..ground_motion import (
     Motion,
     Record,
     Suite,
+    choose_floor_step,
     example_record,
     example_suite,
     fema_p695_suite,
@@ -26,8 +27,6 @@ from .options import Grid, read_numbers, refuse
 MOTION = Group("Ground motion", sort_key=2)
 # Decorator of the classes below: their fields become options of a command.
 _OF_MOTION = Parameter(name="*", group=MOTION)
-# Samples of a floor's motion in a period, at least: lines between them miss 0.5 % of it.
-_SAMPLES_OF_PERIOD = 30
 
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
 Direction = Literal["recorded", "reversed", "both"]
@@ -201,7 +200,7 @@ def read_floor(period: float | None, damping: float | None) -> dict[str, float] 
         refuse("a floor period", floor_damping=damping)
         return None
     check("floor_period", period, POSITIVE)
-    floor = {"period": period, "time_step": period / _SAMPLES_OF_PERIOD}
+    floor = {"period": period, "time_step": choose_floor_step(period)}
     return floor if damping is None else {**floor, "damping": damping}
 
 

@@ -11,6 +11,7 @@ from .files import (
 )
 from .files import list_suffixes as list_suffixes
 from .floor import Floor
+from .floor import choose_floor_step as choose_floor_step
 from .floor_variants import vary_floor as vary_floor
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES

@@ -5,14 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import Block
-from ..ground_motion import Suite
+from ..ground_motion import Suite, choose_floor_step
 from ..sensitivity import FLOOR_NAMES, Uncertain
 from .inventory import Inventory
 from .site import Site
-
-# The samples of a floor are so close, over its period, that straight lines between them miss
-# about 1 % of its motion. Most records have a finer step, which stays.
-_STEP = 1 / 30
 
 
 class ObjectGroup(NamedTuple):
@@ -64,7 +60,7 @@ def group_objects(inventory: Inventory, site: Site) -> list[ObjectGroup]:
     for (is_one_sided, period, damping), members in places.items():
         if (period, damping) not in suites:
             suites[period, damping] = site.suite.on_floor(
-                period, damping, time_step=_STEP * period
+                period, damping, time_step=choose_floor_step(period)
             )
         suite = suites[period, damping]
         words = []
