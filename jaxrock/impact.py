@@ -154,3 +154,12 @@ def one_sided_restitution(block: Block) -> Reals:
     # The first and the third impact are Housner's, the second one is at the wall.
     at_wall = 1 - twice * square / (1 + square)
     return housner_restitution(block) ** 2 * at_wall
+
+
+def compute_restitution_by_size(block: Block) -> Reals:
+    """Compute the restitution of a block of either kind from its size.
+
+    It is Housner's, or the magnitude of `one_sided_restitution`; negative for a block so stocky
+    that an impact stops it.
+    """
+    return -one_sided_restitution(block) if block.one_sided else housner_restitution(block)

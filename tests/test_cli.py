@@ -688,8 +688,13 @@ CALLS = {
         "jaxrock.risk.fragility",
         {"uncertain": jr.Uncertain({"floor_period": 0.2}, samples=4)},
     ),
+    "rocking-spectrum of walls": (
+        "--one-sided --period 2 --slenderness 5",
+        "jaxrock.cli.spectra.compute_rocking_spectrum",
+        {"one_sided": True},
+    ),
     "sensitivity in both directions": (
-        "--records example --one-sided --slenderness 8 --scale 2",
+        "--records example --one-sided --slenderness 8 --scale -2",
         "jaxrock.cli.driven_sensitivity.outcome_probabilities",
         {"ratio": 0.5},
     ),
@@ -748,4 +753,6 @@ def test_options_arrive_in_the_library(capsys, tmp_path, monkeypatch, name):
     if "directions" in name:
         suite = next(part for part in arguments if isinstance(part, jr.Suite))
         assert suite.directions == 2
-        assert float(suite.records[0].scale) == 2
+        assert float(suite.records[0].scale) == -2
+    if "walls" in name:
+        assert arguments[3] is None  # the restitution: that of the size

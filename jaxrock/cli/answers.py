@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..ground_motion import FLOOR_DAMPING
 from ..host import read_version
 from .options import BlockOptions, Output, StoreOptions
 
@@ -79,6 +80,8 @@ def describe_options(
             described |= dataclasses.asdict(value)
         else:
             described[name] = value
+    if described.get("floor_period") is not None and described["floor_damping"] is None:
+        described["floor_damping"] = FLOOR_DAMPING
     about: dict[str, str | int | float] = {
         "source": f"jaxrock {read_version()}",
         "command": command,

@@ -21,7 +21,7 @@ from ..sensitivity import (
 from ..tables import write_csv
 from ..validation import POSITIVE, check
 from .answers import Answer, list_rows, save_picture
-from .motion_options import MotionOptions, read_floor, read_records, turn_suite
+from .motion_options import MotionOptions, put_on_floor, read_records, turn_suite
 from .options import FileOutput, refuse
 from .sensitivity_question import UNITS_OF_PARAMETERS, Question
 
@@ -80,12 +80,14 @@ def ask_driven(
         )
     probable_ratio = 0.5 if ratio is None else ratio
     check("ratio", probable_ratio, POSITIVE)
-    scale = options.factor
+    # Only a positive factor can be uncertain: a reversed motion has the sign itself.
+    scale = abs(options.factor)
+    direction = -1.0 if options.factor < 0 else 1.0
     at = question.at | {"scale": scale}
     if records is not None:
-        motion = _read_suite(options, records, question.block.one_sided)
+        motion = _read_suite(options, records, question.block.one_sided).scaled(direction)
     elif options.pulse is None:
-        motion = options.read_unscaled()
+        motion = options.read_unscaled().scaled(direction)
     else:
         motion = options.read()
         assert isinstance(motion, Pulse)
@@ -112,8 +114,8 @@ def _read_suite(options: MotionOptions, records: str, one_sided: bool) -> Suite:
     of_motion = ("amplitude", "pulse_duration", "column", "vertical")
     refuse("one motion", **{name: getattr(options, name) for name in of_motion})
     suite = read_records(records, options.unit, options.time_step)
-    floor = read_floor(options.floor_period, options.floor_damping)
-    return turn_suite(suite if floor is None else suite.on_floor(**floor), None, one_sided)
+    suite = put_on_floor(suite, options.floor_period, options.floor_damping)
+    return turn_suite(suite, None, one_sided)
 
 
 def answer_driven(

@@ -62,11 +62,7 @@ class RecordOptions:
     def read_unscaled(self) -> Motion:
         """Read the record, by default the example, without the factor; on its floor."""
         record = self._read_record()
-        floor = read_floor(self.floor_period, self.floor_damping)
-        if floor is None:
-            return record
-        # In a suite a record that has a finer step than the floor needs keeps it.
-        return cast("Record", Suite([record]).on_floor(**floor)[0])
+        return put_on_floor(Suite([record]), self.floor_period, self.floor_damping).records[0]
 
     def _read_record(self) -> Record:
         """Read the record, by default the example, of the ground."""
@@ -171,9 +167,7 @@ class SuiteOptions:
     def read_suite(self, one_sided: bool = False) -> Suite:
         """Read the records of a folder, or take those of a name; on their floor, in a direction."""
         suite = read_records(self.records, self.unit, self.time_step, self.with_vertical)
-        floor = read_floor(self.floor_period, self.floor_damping)
-        if floor is not None:
-            suite = suite.on_floor(**floor)
+        suite = put_on_floor(suite, self.floor_period, self.floor_damping)
         return turn_suite(suite, self.direction, one_sided)
 
     def read_hazard(self, measure: str) -> Hazard | None:
@@ -194,14 +188,14 @@ class SuiteOptions:
         return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure, site=site)
 
 
-def read_floor(period: float | None, damping: float | None) -> dict[str, float] | None:
-    """Read a floor as the arguments of `on_floor`; None if there is none."""
+def put_on_floor(suite: Suite, period: float | None, damping: float | None) -> Suite:
+    """Put a suite on the floor of a period; the suite itself where none is given."""
     if period is None:
         refuse("a floor period", floor_damping=damping)
-        return None
+        return suite
     check("floor_period", period, POSITIVE)
-    floor = {"period": period, "time_step": choose_floor_step(period)}
-    return floor if damping is None else {**floor, "damping": damping}
+    given = {} if damping is None else {"damping": damping}
+    return suite.on_floor(period, time_step=choose_floor_step(period), **given)
 
 
 def turn_suite(suite: Suite, direction: Direction | None, one_sided: bool) -> Suite:

@@ -12,7 +12,7 @@ import numpy as np
 from cyclopts import Group, Parameter, Token
 
 from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
-from ..impact import housner_restitution, one_sided_restitution, read_restitution
+from ..impact import compute_restitution_by_size, read_restitution
 from ..validation import POSITIVE, check
 
 # Panels of the help, in their order below a command's own options; a motion is the second.
@@ -130,22 +130,18 @@ class BlockOptions:
         """The coefficient of restitution."""
         if self.restitution is not None:
             return float(read_restitution(self.block, self.restitution))
-        if self.one_sided:
-            reversing = float(one_sided_restitution(self.block))
-            if reversing > 0:
-                raise ValueError(
-                    "restitution must be given for a one-sided block this stocky: the one that"
-                    f" follows from size is {reversing:.3g}, and it must be negative"
-                )
-            return -reversing
-        # Housner's C = 1 - (3/2) sin(alpha_c)^2 of a rectangle falls below 0 if it is stocky.
-        housner = float(housner_restitution(self.block))
-        if housner < 0:
+        by_size = float(compute_restitution_by_size(self.block))
+        if by_size < 0 and self.one_sided:
             raise ValueError(
-                f"restitution must be given for a block this stocky: Housner's is"
-                f" {housner:.3g}, and it must be between 0 and 1"
+                "restitution must be given for a one-sided block this stocky: the one that"
+                f" follows from size is {-by_size:.3g}, and it must be negative"
             )
-        return housner
+        if by_size < 0:
+            raise ValueError(
+                "restitution must be given for a block this stocky: Housner's is"
+                f" {by_size:.3g}, and it must be between 0 and 1"
+            )
+        return by_size
 
 
 @_OF_BLOCK

@@ -9,6 +9,7 @@ import numpy as np
 from .. import driven
 from ..block import Block
 from ..grids import write_table
+from ..ground_motion import FLOOR_DAMPING
 from ..host import Status, make_dataset, write_whole
 from ..overturning import uplift_factor
 from ..tables import write_csv
@@ -150,7 +151,9 @@ def _describe_scene(block: Block, restitution: float, options: MotionOptions) ->
     wall = ", one-sided" if block.one_sided else ""
     floor = ""
     if options.floor_period is not None:
-        floor = f", on a floor of period {options.floor_period:g} s"
+        damping = options.floor_damping
+        damping = FLOOR_DAMPING if damping is None else damping
+        floor = f", on a floor of period {options.floor_period:g} s, damping {damping:g}"
     scaled = f"scaled by {options.factor:g}"
     return f"{sizes}{wall}, C = {restitution:.4g}, {motion}, {scaled}{floor}"
 

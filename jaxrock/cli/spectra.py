@@ -28,7 +28,7 @@ def spectrum(
     *,
     slenderness: Grid = ("3:10:141",),
     width: Grid = (0.4, 0.6, 0.8, 1.0, 1.2),
-    restitution: Grid = (0.6, 0.7, 0.8),
+    restitution: Grid | None = None,
     intensity: Grid = (0.15,),
     gravity: float = 9.81,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
@@ -54,7 +54,8 @@ def spectrum(
     width
         Full widths 2b of the base [m].
     restitution
-        Coefficients of restitution [-], 0 to 1.
+        Coefficients of restitution [-], 0 to 1. If not given 0.6, 0.7 and 0.8; against a wall
+        0.4, 0.45 and 0.5.
     intensity
         Change of ground velocity in each pulse [m/s].
     gravity
@@ -70,6 +71,8 @@ def spectrum(
     out
         Folder to write to; made if it is missing. "spectrum" if not given.
     """
+    if restitution is None:
+        restitution = (0.4, 0.45, 0.5) if one_sided else (0.6, 0.7, 0.8)
     about = describe_options("spectrum", locals())
     if model != "auto":
         refuse("the model auto", tolerance=tolerance)
@@ -123,7 +126,7 @@ def rocking_spectrum(
     *,
     period: Grid = ("1:4:241", "4.05:8:80"),
     slenderness: Grid = (4.0, 6.0, 8.0),
-    restitution: Grid = (0.9,),
+    restitution: Grid | None = None,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     one_sided: bool = False,
     record_options: RecordOptions = RecordOptions(),
@@ -144,7 +147,8 @@ def rocking_spectrum(
     slenderness
         Height over width [-].
     restitution
-        Velocity after an impact over velocity before it [-].
+        Velocity after an impact over velocity before it [-], 0 to 1. If not given 0.9; against a
+        wall the one that follows from size.
     inertia_ratio
         Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
     one_sided
@@ -152,6 +156,8 @@ def rocking_spectrum(
     out
         Folder to write to; made if it is missing. "rocking_spectrum" if not given.
     """
+    if restitution is None and not one_sided:
+        restitution = (0.9,)
     about = describe_options("rocking-spectrum", locals())
     check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
     compute = functools.partial(
@@ -159,7 +165,9 @@ def rocking_spectrum(
         record_options.read(),
         as_axis("period", read_numbers("period", period)),
         as_axis("slenderness", read_numbers("slenderness", slenderness)),
-        as_axis("restitution", read_numbers("restitution", restitution)),
+        None
+        if restitution is None
+        else as_axis("restitution", read_numbers("restitution", restitution)),
         inertia_ratio=inertia_ratio,
         one_sided=one_sided,
     )

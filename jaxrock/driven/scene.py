@@ -71,7 +71,8 @@ UP_TO_ITS_SIDE = Domain(
 def is_before_wall(rotation: AnyArray, velocity: AnyArray) -> AnyArray:
     """Return where the state of a one-sided block is not behind its wall, nor moves into it.
 
-    One that does would meet the wall at once, and be thrown back: that is its state.
+    A block that moves into the wall would be thrown back at once: the state after that
+    impact has to be given instead.
     """
     return (rotation > 0) | ((rotation == 0) & (velocity >= 0))
 

@@ -10,6 +10,7 @@ from .files import (
     read_suite,
 )
 from .files import list_suffixes as list_suffixes
+from .floor import FLOOR_DAMPING as FLOOR_DAMPING
 from .floor import Floor
 from .floor import choose_floor_step as choose_floor_step
 from .floor_variants import vary_floor as vary_floor
@@ -21,6 +22,7 @@ from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
 from .pulses import check_pulse_class as check_pulse_class
 from .record import Record
+from .reversal import REVERSED as REVERSED
 from .reversal import average_directions as average_directions
 from .reversal import split_directions as split_directions
 from .still import Still

@@ -46,6 +46,7 @@ _DAMPING = Domain(
 _NEGLIGIBLE = 1e-3
 # Part of the peak that straight lines between samples may miss without a warning.
 _MISSED = 0.03
+FLOOR_DAMPING = 0.05  # of a floor of which it is not given
 # Samples of a floor in a period, where nobody gives a time step: lines miss 0.5 % of it.
 _SAMPLES_OF_PERIOD = 30
 # A time step that is given may be rounded.
@@ -81,7 +82,7 @@ class Floor(Printed, Checked):
     def __init__(
         self,
         period: Numbers = 0.5,
-        damping: Numbers = 0.05,
+        damping: Numbers = FLOOR_DAMPING,
         participation: Numbers = 1.0,
         *,
         time_step: Number | None = None,
@@ -171,7 +172,7 @@ class FloorMotion(NamedTuple):
     missed : float
         Part of the peak that straight lines between the samples miss; 0 if traced.
     sufficient_step : float
-        Time step [s] with which it would be `_MISSED`.
+        Time step [s] with which the lines would miss the part `_MISSED` of the peak.
     """
 
     acceleration: AnyArray
@@ -312,7 +313,7 @@ def _estimate_missed(
     Returns as well the time step [s] with which it would be as much as is tolerated.
     """
     # The lines miss x^2 / 8 of the amplitude of an oscillation, and not more than all of it.
-    # A mode that hardly moves against the ground, which is linear, is missed by little.
+    # The ground is linear between samples: only the motion of a mode relative to it is missed.
     amplitude = abs(relative).max(axis=-1)
     peak = abs(motion).max(axis=-1)[..., None]
     part = amplitude / np.where(peak > 0, peak, np.inf)

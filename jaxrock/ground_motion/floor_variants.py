@@ -16,7 +16,7 @@ def vary_floor(
     suite : Suite
         On a floor.
     period_factor, damping_factor : array_like, shape (floors,)
-        Greater than 0, at least 0 [-].
+        Factors on the periods, greater than 0, and on the dampings, at least 0 [-].
 
     Returns
     -------

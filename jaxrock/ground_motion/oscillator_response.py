@@ -10,9 +10,10 @@ response g after one step and its first two integrals,
 
     s = integral of g,  r = integral of s,
 
-and it is written in what changes per step, so that no digits cancel: a long period moves little
-in a step, and a short one follows the ground. In NumPy for concrete values, so that nothing is
-compiled for each length, and by the same lines in JAX for traced ones.
+and it is written in the changes over a step, so that no digits cancel: an oscillator of a long
+period moves little in a step, and one of a short period moves with the ground. Concrete values
+are computed in NumPy, so that no program is compiled for each length; traced values in JAX, by
+the same lines.
 """
 
 import math
@@ -189,7 +190,7 @@ def _compute_block_response(x: AnyArray, damping: AnyArray) -> _BlockResponse:
     acceleration, displacement, velocity = (
         library.moveaxis(answer, 0, -1) for answer in answers
     )
-    # A sample is felt by so many steps: a triangular matrix of one response.
+    # The response to a sample depends only on the steps since then: a triangular matrix.
     steps = library.arange(1, _BLOCK + 1)[:, None]
     places = library.arange(1, _BLOCK + 1)[None]
     lag = steps - places

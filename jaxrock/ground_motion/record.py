@@ -23,6 +23,7 @@ from ..validation import (
     quantity,
 )
 from .floor import (
+    FLOOR_DAMPING,
     Floor,
     compute_floor_motion,
     replace_motion,
@@ -230,7 +231,7 @@ class Record(Motion):
     def on_floor(
         self,
         period: Numbers = 0.5,
-        damping: Numbers = 0.05,
+        damping: Numbers = FLOOR_DAMPING,
         participation: Numbers = 1.0,
         *,
         time_step: Number | None = None,
@@ -238,15 +239,16 @@ class Record(Motion):
     ) -> "Record":
         """Compute the motion of a floor of a building on the ground of this record.
 
-        The floor moves with the absolute accelerations of linear oscillators, its modes, by
-        their participations; what these lack to 1 moves with the ground.
+        The acceleration of the floor is the sum of the absolute accelerations of its modes,
+        which are linear oscillators, times their participations, and of the acceleration of
+        the ground times 1 minus the sum of the participations.
 
         Parameters
         ----------
         period : array_like
             Periods of the modes [s], greater than 0.
         damping : array_like
-            Damping ratios [-], between 0 and 1.5, a ratio, not in per cent; 1 is critical.
+            Damping ratios [-], between 0 and 1.5, not in per cent; 1 is critical.
         participation : array_like
             Participation of each mode in the motion of the floor [-]: the modal participation
             factor times the mode shape there. A single number is that of one mode, and arrays
@@ -256,9 +258,9 @@ class Record(Motion):
             The longest step of the floor's samples [s], at most that of the record, which is
             divided by a whole number. By default it is that of the record.
         free_vibration : float, optional
-            How long the floor's record goes on behind the end of this one [s], at least 0. By
-            default until all floors stay below 1/1000 of their peaks, at most as long as this
-            record is, and just as long where a value is traced.
+            Free vibration after the end of this record [s], at least 0. By default it ends
+            where all floors stay below 1/1000 of their peaks, and is at most as long as this
+            record; where a value is traced, it is as long as this record.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Records in reverse, and the parts of a suite that has each record in both directions."""
+"""Records in the opposite direction, and parts of a suite that has records in both."""
 
 import equinox as eqx
 import numpy as np
@@ -6,9 +6,11 @@ import numpy as np
 from ..validation import AnyArray, as_array, is_traced
 from .record import Record
 
+REVERSED = " reversed"  # at the end of the names of such records
+
 
 def reverse_record(record: Record) -> Record:
-    """Reverse the horizontal acceleration of a record."""
+    """Reverse the sign of the horizontal acceleration of a record."""
     samples = record.acceleration
     # In NumPy: JAX would compile a program for each length.
     reverse = -samples if is_traced(samples) else as_array(-np.asarray(samples))

@@ -22,10 +22,16 @@ from ..validation import (
     check_kind,
     is_traced,
 )
-from .floor import Floor, compute_floor_motion, replace_motion, warn_of_coarse_step
+from .floor import (
+    FLOOR_DAMPING,
+    Floor,
+    compute_floor_motion,
+    replace_motion,
+    warn_of_coarse_step,
+)
 from .intensity import intensity_measure
 from .record import Record
-from .reversal import find_directions, reverse_record
+from .reversal import REVERSED, find_directions, reverse_record
 from .suite_checks import check_measures, check_names, check_records, describe_samples
 
 
@@ -45,17 +51,18 @@ class Suite(Printed, eqx.Module):
         The ground below records that are motions of a floor, record by record, as `on_floor`
         gives it. Intensities are then those of the ground.
     floor : Floor, optional
-        What made the records of those of the ground.
+        The floor with which the records were computed from the records of the ground.
     directions : {1, 2}
-        2 if the second half of the records is the first one in reverse, as `both_directions`
-        gives it. The two directions of a record count as one record wherever the number of
-        independent records matters.
+        2 if the second half of the records is the first half with the opposite sign of the
+        horizontal acceleration, as `both_directions` gives it. The two directions of a record
+        count as one record wherever the number of independent records matters.
 
     Raises
     ------
     ValueError
         If there is no record, if one is an array of them, if scales differ in shape, if the
-        names are not one different word for each, or if the ground has other numbers.
+        names are not one different word for each, or if the ground does not match in records,
+        names, scales or directions.
 
     Examples
     --------
@@ -119,6 +126,8 @@ class Suite(Printed, eqx.Module):
 
     def __str__(self) -> str:
         ways = " in both directions" * (self.directions == 2)
+        if all(name.endswith(REVERSED) for name in self.names):
+            ways = " in reverse direction"
         words = (
             f"suite of {self.recordings} record{'s' * (self.recordings > 1)}{ways} of"
             f" {describe_samples(self.records)}"
@@ -270,7 +279,7 @@ class Suite(Printed, eqx.Module):
     def on_floor(
         self,
         period: Numbers = 0.5,
-        damping: Numbers = 0.05,
+        damping: Numbers = FLOOR_DAMPING,
         participation: Numbers = 1.0,
         *,
         time_step: Number | None = None,
@@ -364,7 +373,7 @@ class Suite(Printed, eqx.Module):
             raise ValueError(f"suite must be in one direction, got {self}")
         return Suite(
             [*self.records, *map(reverse_record, self.records)],
-            [*self.names, *(f"{name} reversed" for name in self.names)],
+            [*self.names, *(f"{name}{REVERSED}" for name in self.names)],
             ground=None if self.ground is None else self.ground.both_directions(),
             floor=self.floor,
             directions=2,
@@ -373,12 +382,9 @@ class Suite(Printed, eqx.Module):
 
 def describe_suite(suite: Suite) -> dict[str, int | str]:
     """Make the attributes of a dataset about directions of the records, and their floor."""
-    attributes: dict[str, int | str] = {}
-    if suite.directions > 1:
-        attributes["directions"] = suite.directions
-    if suite.ground is not None:
-        attributes["floor"] = "given by records" if suite.floor is None else str(suite.floor)
-    return attributes
+    floor = "given by records" if suite.floor is None else str(suite.floor)
+    on_floor: dict[str, int | str] = {} if suite.ground is None else {"floor": floor}
+    return on_floor if suite.directions == 1 else {"directions": suite.directions, **on_floor}
 
 
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:

@@ -28,7 +28,7 @@ from .axes import (
 
 _STAND_IN = "a rectangle stands in for the outline"
 _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
-# Of that below 0 for a block that never is there: impacts are drawn in it.
+# Fraction of the upper limit that is left below 0 for impacts of a one-sided block.
 _ROOM_AT_WALL = 0.3
 _FRAMES = 400  # of a film, at most
 

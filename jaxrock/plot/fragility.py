@@ -4,6 +4,7 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 
+from ..ground_motion import REVERSED
 from ..risk import LognormalFit
 from .axes import (
     ACCENT,
@@ -94,9 +95,15 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         wall = ", one-sided" if about.get("one_sided") else ""
         # Both directions of a record count as one.
         directions = about.get("directions", 1)
-        ways = "\nin both directions" if directions > 1 else ""
-        records = dataset.record.size // directions
-        ax.set_title(f"{size}{wall}, $C$ = {c:.3g}, {records} records{ways}")
+        records = f"{dataset.record.size // directions} records"
+        if directions > 1:
+            records = f"{records} in both directions"
+        elif all(str(name).endswith(REVERSED) for name in dataset.record.values):
+            records = f"{records} in reverse direction"
+        floor = f", on a {about['floor']}" if "floor" in about else ""
+        # What is not usual goes to a line of its own, for which there is room.
+        break_line = "\n" if wall or floor else " "
+        ax.set_title(f"{size}{wall}, $C$ = {c:.3g},{break_line}{records}{floor}")
     ax.set(xscale="log", ylim=(-0.03, 1.03))
     tick_decades(ax.xaxis)
     confidence = f"{about['confidence']:.0%} " if "confidence" in about else ""

@@ -298,6 +298,8 @@ def _draw_rocking_curves(spectrum: xarray.Dataset, ax: Axes) -> None:
     if given and is_one_sided:
         title = f"{title}, one-sided"
     record = spectrum.attrs.get("record")
+    if "floor_period" in spectrum.attrs:
+        title = f"{title}, on a floor of {spectrum.attrs['floor_period']:g} s"
     ax.set_title(
         f"{title}, {record} scaled by {spectrum.attrs.get('scale', 1):g}" if record else title
     )

@@ -241,9 +241,9 @@ def _write_assumptions(dataset: "xarray.Dataset") -> str:
     wall = ""
     if "one_sided" in dataset:
         wall = (
-            " Objects against a wall rock about their outer edge; the impact throws them back,"
-            " where no restitution was given with that which follows from their size; each"
-            " record acts on them in both directions."
+            " Objects against a wall rock about their outer edge, and each impact throws them"
+            " back; where no restitution was given, it follows from their size. Each record"
+            " acts on them in both directions."
         )
     floors = ""
     if "floor_period" in dataset:
@@ -252,8 +252,9 @@ def _write_assumptions(dataset: "xarray.Dataset") -> str:
             f" ground, to which the {MEASURES[about['measure']][0]} and the hazard belong; the"
             " objects do not act back on it."
         )
+    stands = "stands free, unless the table says otherwise," if wall else "stands free"
     return (
-        "<p>Assumed: every object is a rigid block that stands free on a rigid floor, rocks"
+        f"<p>Assumed: every object is a rigid block that {stands} on a rigid base, rocks"
         " about the edges of its base and neither slides nor turns; where no restitution was"
         f" given, Housner&rsquo;s; the restitution stays when the width changes.{wall}{floors}"
         f" Simulated under {about['record_count']} records, each scaled to"

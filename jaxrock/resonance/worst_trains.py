@@ -161,9 +161,9 @@ def worst_train(
     Notes
     -----
     With one impact between pulses the paper's input comes out: equal pulses right after the
-    impacts, each ``critical_intensity(block, restitution, count)``. They alternate, and all
-    push a one-sided block away from its wall. The smallest total is a
-    single pulse: every impact wastes a part of the energy that came before.
+    impacts, each ``critical_intensity(block, restitution, count)``. They alternate; on a
+    one-sided block all push away from its wall. The smallest total is a single pulse: every
+    impact wastes a part of the energy that came before.
 
     Examples
     --------

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block, block_of, size_of
+from ..ground_motion import FLOOR_DAMPING
 from ..host import Printed, format_table
 from ..sensitivity import Uncertain
 from ..validation import (
@@ -23,8 +24,6 @@ from ..validation import (
     describe,
 )
 from .objects import Objects, gather_objects
-
-FLOOR_DAMPING = 0.05  # ratio, of a floor of which it is not given
 
 
 class Inventory(Printed, eqx.Module):

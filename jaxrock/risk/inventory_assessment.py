@@ -133,8 +133,8 @@ def assess_inventory(
     An object on a floor is assessed under ``site.suite.on_floor(period, damping)``, with steps
     of at most 1/30 of the period: a floor of one mode with participation 1. Levels and the
     hazard are those of the ground. A one-sided object is assessed under the suite in both
-    directions. Remarks say which object is. An uncertain ``floor_period`` or
-    ``floor_damping`` counts for objects on floors.
+    directions. The remark of each such object says so. An uncertain ``floor_period``
+    or ``floor_damping`` counts for objects on floors.
 
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
     rate with its errors, the probabilities and the curve. The required width and the

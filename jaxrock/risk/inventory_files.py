@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..impact import ONE_SIDED_RESTITUTION, housner_restitution, one_sided_restitution
+from ..ground_motion import FLOOR_DAMPING
+from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size
 from ..sensitivity import Uncertain
 from ..tables import QUANTITIES, Row, Table, quote_word, read_table
 from ..validation import AT_LEAST_ONE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL
-from .inventory import FLOOR_DAMPING, Inventory
+from .inventory import Inventory
 
 _COEFFICIENT = "restitution coefficient of variation"
 # The columns of numbers, and their values in SI.
@@ -43,7 +44,7 @@ _NEEDED = ("name", "width", "height")
 _ALLOWED = (
     "name, width [m], height [m], and perhaps depth [m], inertia ratio, restitution,"
     f" {_COEFFICIENT}, one-sided, floor period [s], floor damping, with lengths in m, cm, mm,"
-    " in or ft"
+    " in or ft, and periods in s or ms"
 )
 
 
@@ -88,10 +89,10 @@ def read_inventory(
 
         An object that stands against a wall, as a facade, has yes, true, 1 or x in the column
         ``one-sided``, all others no, false, 0 or nothing. Its width is its side at right
-        angles to the wall; it has no depth. Its restitution may be negative; one that is
-        missing is that of `one_sided_restitution`. An object on an upper floor has a ``floor
-        period``, without which, or with 0, it stands on the ground floor, and perhaps a
-        ``floor damping``, a ratio that is 0.05 if it is missing.
+        angles to the wall; it has no depth. Its restitution may be negative; if it is missing,
+        `one_sided_restitution` gives it. An object on an upper floor has a ``floor period``;
+        without one, or with 0, it stands on the ground floor. It may have a ``floor
+        damping``, a ratio, 0.05 if it is missing.
 
         Lengths are in m, cm, mm, in or ft, periods in s or ms; a coefficient of variation and
         a damping are a number or in %. Units stand in the heads, in brackets or behind the
@@ -263,22 +264,18 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
 
 def _compute_restitution(table: Table, row: Row, block: Block) -> tuple[float, str]:
     """Compute a restitution that is not given, with its remark; a `ValueError` if none is."""
-    if block.one_sided:
-        restitution = float(one_sided_restitution(block))
-        reason = "since a wall does not throw it back: by its size the restitution is"
-        remark = "restitution at a wall by its size"
-        is_stocky = restitution > 0
-    else:
-        restitution = float(housner_restitution(block))
-        reason = "since Housner's is"
-        remark = "Housner's restitution"
-        is_stocky = restitution < 0
-    if is_stocky:
+    restitution = float(compute_restitution_by_size(block))
+    if restitution < 0:
+        reason = f"since Housner's is {restitution:.3g}"
+        if block.one_sided:
+            by_size = f"by its size the restitution is {-restitution:.3g}"
+            reason = f"since a wall does not throw it back: {by_size}"
         raise table.text.error(
-            f"a restitution must be given for an object this stocky, {reason}"
-            f" {restitution:.3g}",
-            row.line,
+            f"a restitution must be given for an object this stocky, {reason}", row.line
         )
+    remark = (
+        "restitution at a wall by its size" if block.one_sided else "Housner's restitution"
+    )
     return restitution, remark
 
 

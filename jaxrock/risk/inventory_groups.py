@@ -57,7 +57,8 @@ def group_objects(inventory: Inventory, site: Site) -> list[ObjectGroup]:
         places.setdefault((is_one_sided, float(periods[k]), damping), []).append(k)
     suites: dict[tuple[float, float], Suite] = {(0.0, 0.0): site.suite}
     groups = []
-    for (is_one_sided, period, damping), members in places.items():
+    for (is_one_sided, period, damping), numbers in places.items():
+        members = np.array(numbers)
         if (period, damping) not in suites:
             suites[period, damping] = site.suite.on_floor(
                 period, damping, time_step=choose_floor_step(period)
@@ -70,20 +71,20 @@ def group_objects(inventory: Inventory, site: Site) -> list[ObjectGroup]:
         if period:
             words.append(f"on a {suite.floor}")
         selected = _select_objects(
-            inventory, np.array(members), is_one_sided, bool(on_floor.any() and not period)
+            inventory, members, is_one_sided, bool(on_floor.any() and not period)
         )
         group_site = site if suite is site.suite else site.replace_suite(suite)
-        groups.append(ObjectGroup(np.array(members), selected, group_site, "; ".join(words)))
+        groups.append(ObjectGroup(members, selected, group_site, "; ".join(words)))
     return groups
 
 
 def _select_objects(
     inventory: Inventory, places: np.ndarray, one_sided: bool, without_floor: bool
 ) -> Inventory:
-    """Select objects that are alike, without their floor, which is one of the site.
+    """Select the objects of a group, without their floor: the suite of its site is on it.
 
-    Of objects on the ground floor, among others that are on floors, the period and the damping
-    of a floor are not uncertain.
+    For a group on the ground floor, where other groups are on upper floors, the uncertainty
+    of `floor_period` and `floor_damping` is left out.
     """
     objects = inventory.objects
     block = Block(

@@ -39,8 +39,8 @@ def bound_not_detected(overturned: AnyArray, rates: AnyArray, directions: int = 
     rates : Array, shape (levels,)
         The hazard at the levels [1/yr].
     directions : int
-        In which the suite has each record. The bound is the mean of those of the directions,
-        which may have the same windows and do not count as more records.
+        Number of directions of each record in the suite. The bound is the mean over the
+        directions, which may have the same windows and do not count as more records.
 
     Returns
     -------

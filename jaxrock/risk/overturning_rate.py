@@ -60,7 +60,7 @@ class OverturningRate(Printed, eqx.Module):
     records : tuple of str
         Names of the records.
     directions : int
-        2 if these are in both directions, of which each record has the mean.
+        2 if the suite has each record in both directions; their mean counts as one record.
     """
 
     rate: Reals
@@ -181,8 +181,8 @@ def overturning_rate(
     doi:10.1093/biomet/43.1-2.45). The bound adds two standard deviations and, by the rule of
     three, three windows of the widest step at which an outcome changes; of samples it is the
     mean. Windows at much lower levels than any change of outcome are not covered. The standard
-    error assumes independent records. Under a suite in both directions the mean of both is the
-    one of a record, and the bound is the mean of the bounds of the directions.
+    error assumes independent records. Under a suite in both directions the mean of both
+    counts as one record, and the bound is the mean of the bounds of both directions.
 
     Examples
     --------

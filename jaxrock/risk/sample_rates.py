@@ -109,7 +109,8 @@ def compute_standard_error(
     ----------
     contributions : array_like, shape (records, ...)
     directions : int
-        In which the suite has each record: what is independent is the mean of these.
+        Number of directions of each record in the suite. Only the means over the directions
+        are independent.
 
     Returns
     -------

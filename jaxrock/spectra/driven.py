@@ -359,8 +359,8 @@ def _simulate_some_records(
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Simulate blocks over a part of a grid whose first axis are records, by their numbers."""
-    # A chunk has records that are next to one another, of a suite in both directions perhaps
-    # only one direction of some.
+    # A chunk has neighbouring records, of some perhaps one direction only. A slice of a suite
+    # in both directions would refuse that: hence a plain suite.
     part = slice(records[0], records[-1] + 1)
     return compute(Suite(suite.records[part], suite.names[part]), *parts)
 

@@ -83,8 +83,8 @@ def resonance_spectrum(
     tolerance : float
         For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
     gravity, inertia_ratio, one_sided : float, float, bool
-        g [m/s2], kappa [-] and the wall of all blocks; see `Block`. Along the axis of a
-        one-sided block restitutions are magnitudes.
+        g [m/s2], kappa [-] and the wall of all blocks; see `Block`. For one-sided
+        blocks the axis ``restitution`` has magnitudes.
     store : path, optional
         A NetCDF file that the values go to as they are computed, and that the dataset reads on
         demand: neither has to fit into memory. One that exists is replaced by the whole new

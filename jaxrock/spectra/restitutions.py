@@ -4,18 +4,13 @@ import numpy as np
 
 from ..block import Block
 from ..grids import Values
-from ..impact import housner_restitution, one_sided_restitution
+from ..impact import compute_restitution_by_size
 from ..validation import as_real
 
 
 def estimate_restitution(block: Block) -> np.ndarray | np.floating:
-    """Compute Housner's restitution, or the magnitude of the one that follows with a wall.
-
-    It is 0 for stocky blocks, which an impact stops.
-    """
-    if block.one_sided:
-        return np.maximum(-one_sided_restitution(block), 0)
-    return np.maximum(housner_restitution(block), 0)
+    """Compute the restitutions that follow from size; 0 for blocks that an impact stops."""
+    return np.maximum(compute_restitution_by_size(block), 0)
 
 
 def take_magnitudes(restitution: Values) -> np.ndarray:
