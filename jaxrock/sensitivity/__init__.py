@@ -18,7 +18,10 @@ from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
 from .reliability import ReliabilityResult, failure_probability
 from .uncertain import FLOOR_NAMES as FLOOR_NAMES
+from .parameters import refuse_name as refuse_name
+from .distributions import find_widths as find_widths
 from .uncertain import Draws, Uncertain
+from .uncertain import draw_normal_numbers as draw_normal_numbers
 from .uncertain import FloorFactors as FloorFactors
 
 __all__ = [
