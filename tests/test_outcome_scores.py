@@ -71,7 +71,8 @@ def test_scores_of_certain_predictions():
     # What has no weight does not count, though it is infinite.
     assert log_score(certain, np.array([True, True]), np.array([1.0, 0.0])) == 0
     # No digits of small probabilities are lost.
-    assert log_score(np.array([1e-20]), np.array([False])) == pytest.approx(1e-20, rel=1e-15)
+    tiny = log_score(np.array([1e-20]), np.array([False]))
+    assert tiny == pytest.approx(1e-20, rel=1e-15, abs=0)
     halves = np.array([0.5, 0.5, np.nextafter(0.5, 1)])
     assert accuracy(halves, np.array([True, False, True])) == pytest.approx(2 / 3)
 
@@ -285,7 +286,7 @@ def test_a_rule_does_not_depend_on_the_unit():
         ([0.1, 0.2, 0.3, 0.4], [True] * 4),
         ([0.1, 0.2, 0.3, 0.4], [False] * 4),
         ([0.3], [True]),
-        ([0.3, 0.3, 0.3], [True, True, False]),
+        ([0.1] * 10, [True, True] + [False] * 8),
         ([0.1, 10.0] * 500, [False, True] * 500),
     ],
     ids=["separated", "all", "none", "single", "of one intensity", "many separated"],
@@ -299,7 +300,7 @@ def test_a_rule_is_finite_whatever_happened(intensity, overturned):
     assert ((probability > 0) & (probability < 1)).all()
     assert log_score(probability, overturned) < math.log(2)
     if len(set(intensity)) == 1:
-        assert rule.slope == 0
+        assert rule.slope == pytest.approx(0, abs=1e-9)
 
 
 def test_an_intensity_of_zero_is_refused():
