@@ -9,10 +9,10 @@ import numpy as np
 from ..block import SIZES_IN_WORDS, Block
 from ..ground_motion import MEASURES, describe_suite
 from ..host import add_names, make_dataset
+from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
-from .clopper_pearson import bound_probabilities
 from .drawn_objects import draw_objects
 from .exceedance import describe_variable
 from .hazard import Hazard, compute_return_periods
