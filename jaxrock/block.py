@@ -364,7 +364,7 @@ def size_of(block: Block, by: SizeDescription) -> dict[str, AnyArray | np.floati
     dict of Array
         The two parameters of the size, ``gravity`` [m/s2], ``inertia_ratio`` [-]; in order.
     """
-    size: dict[str, AnyArray]
+    size: dict[str, AnyArray | np.floating]
     size = {"half_width": block.half_width, "slenderness": block.slenderness}
     if by == "sides":
         width = 2 * block.half_width

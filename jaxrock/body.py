@@ -16,6 +16,8 @@ from .validation import (
     quantity,
 )
 
+_Real = AnyArray | np.floating
+
 # kappa of a homogeneous rectangle; its reciprocal rounds to 0.75 in every precision.
 RECTANGLE_INERTIA_RATIO = 4 / 3
 
@@ -44,7 +46,7 @@ def compute_size(
 
 def resolve_size(
     frequency_parameter: Number, critical_angle: Number, gravity: Number, inertia_ratio: Number
-) -> tuple[AnyArray, AnyArray]:
+) -> tuple[_Real, _Real]:
     """Compute half-width and slenderness as `compute_size` does, in NumPy from NumPy.
 
     Raises
@@ -63,8 +65,8 @@ def resolve_size(
 
 
 def compute_dynamics(
-    half_width: AnyArray, slenderness: AnyArray, gravity: AnyArray, inertia_ratio: AnyArray
-) -> tuple[AnyArray, AnyArray]:
+    half_width: _Real, slenderness: _Real, gravity: _Real, inertia_ratio: _Real
+) -> tuple[_Real, _Real]:
     """Compute critical angle [rad] and frequency parameter [1/s], in NumPy from NumPy."""
     on_host = is_of_numpy(half_width, slenderness, gravity, inertia_ratio)
     library = np if on_host else jnp

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..validation import as_real, as_text, carries_unit, check_kind, describe
+from ..validation import Number, as_real, as_text, carries_unit, check_kind, describe
 from .parameters import refuse_name
 
 # Two names, in the order in which the coefficients of variation have them.
@@ -17,7 +17,7 @@ _ROUNDING_OF_PIVOTS = 1e-14
 
 
 def check_correlations(
-    correlations: Mapping[Pair, float], names: Sequence[str]
+    correlations: Mapping[Pair, Number], names: Sequence[str]
 ) -> tuple[tuple[Pair, float], ...]:
     """Check correlations, and list them in the order of the names.
 

@@ -1,7 +1,7 @@
 """Distributions of parameters that are uncertain: by median and coefficient of variation."""
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 
 import jax
 import jax.numpy as jnp
@@ -57,14 +57,14 @@ def find_widths(
 
 
 def find_coefficients(
-    names: Collection[str], medians: np.ndarray, widths: np.ndarray
+    names: Collection[str], medians: Iterable[float], widths: Iterable[float]
 ) -> np.ndarray:
     """Find the coefficients of variation that `find_widths` turns into given widths.
 
     Parameters
     ----------
     names : collection of str
-    medians, widths : ndarray, shape (names,)
+    medians, widths : array_like, shape (names,)
         The width is the standard deviation of the logit of a ``restitution`` or
         ``damping_ratio``, else that of the logarithm; at a median that is not positive it is
         the coefficient of variation itself.

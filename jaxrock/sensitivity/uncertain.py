@@ -134,7 +134,7 @@ class Uncertain(Printed, eqx.Module):
         self,
         coefficients_of_variation: Mapping[str, Numbers],
         *,
-        correlations: Mapping[Pair, float] | None = None,
+        correlations: Mapping[Pair, Number] | None = None,
         samples: int = 64,
         seed: int = 0,
     ):
@@ -182,7 +182,18 @@ class Uncertain(Printed, eqx.Module):
         return dict(self.correlated_pairs)
 
     def correlate(self, normal: np.ndarray) -> np.ndarray:
-        """Correlate independent standard normal numbers, shape (samples, names)."""
+        """Correlate independent standard normal numbers, as those of `Draws` are.
+
+        Parameters
+        ----------
+        normal : ndarray, shape (samples, names)
+            Independent standard normal numbers, a column for each name.
+
+        Returns
+        -------
+        ndarray, shape (samples, names)
+            The same numbers where nothing is correlated.
+        """
         if not self.correlated_pairs:
             return normal
         return normal @ factor_correlations(self.correlated_pairs, self.names).T
