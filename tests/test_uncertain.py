@@ -83,8 +83,10 @@ def test_samples_have_the_correlations():
     realized = np.corrcoef([numbers[name] for name in names])
     expected = np.eye(4)
     for (first, second), value in correlations.items():
-        i, j = names.index(first), names.index(second)
-        expected[i, j] = expected[j, i] = value
+        row = names.index(first)
+        column = names.index(second)
+        expected[row, column] = value
+        expected[column, row] = value
     # Four standard deviations of the correlation of independent samples.
     bound = 4 * (1 - expected**2) / np.sqrt(n)
     assert (abs(realized - expected) <= bound + 1e-12).all()
