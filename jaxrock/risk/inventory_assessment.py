@@ -318,9 +318,11 @@ def _make_dataset(
             described = describe_variable(long_name, units)
         variables[name] = (dims.get(name, ("object",)), values[order], described)
     uncertain = inventory.uncertain
-    samples = (
-        {} if uncertain is None else {"samples": uncertain.samples, "seed": uncertain.seed}
-    )
+    drawn: dict[str, float] = {}
+    if uncertain is not None:
+        for (first, second), value in uncertain.correlations.items():
+            drawn[f"correlation_of_{first}_and_{second}"] = value
+        drawn |= {"samples": uncertain.samples, "seed": uncertain.seed}
     assumed = {}
     if "one_sided" in answers:
         assumed["one_sided_objects"] = "under each record in both directions"
@@ -348,7 +350,7 @@ def _make_dataset(
             "model": model.name,
             "simulated_levels": site.levels.size,
             **assumed,
-            **samples,
+            **drawn,
         },
     )
     names = {

@@ -1,6 +1,7 @@
 """The dependence of an answer: derivatives, ranges, uncertainty and probability of failure."""
 
 from .array_slopes import value_and_slopes
+from .distributions import find_coefficients as find_coefficients
 from .driven_answer import DrivenAnswerName as DrivenAnswerName
 from .driven_tornado import driven_tornado
 from .local_dependence import LocalDependence, local_dependence
