@@ -49,7 +49,7 @@ def cross_validate(
     seed: int = 0,
     prior: PriorLike | None = None,
     peak_rotations: Numbers | None = None,
-    samples: int = 2048,
+    samples: int | None = None,
     model: ModelLike = Nonlinear(),
     gravity: Number = 9.81,
     inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,

@@ -7,7 +7,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import ndtri
 
 from ...block import RECTANGLE_INERTIA_RATIO, Block
 from ...ground_motion import Record, Suite
@@ -47,7 +46,9 @@ class OutcomeFit(Printed, eqx.Module):
         The medians, ready for everything else.
     free, covariance : Array, shape (12,), (12, 12)
         Logarithms, logits and the like of the numbers of the population, and their covariance
-        by the curvature of the posterior at its mode.
+        in the posterior.
+    draws, draw_weights : Array, shape (draws, 12), (draws,)
+        Such numbers drawn from the posterior, and their weights, with a sum of 1.
     prior_mean, prior_width : Array, shape (12,)
         Their means and standard deviations before the tests.
     points : Points
@@ -69,6 +70,8 @@ class OutcomeFit(Printed, eqx.Module):
     restitution: Reals
     free: Reals
     covariance: Reals
+    draws: Reals
+    draw_weights: Reals
     prior_mean: Reals
     prior_width: Reals
     points: Points
@@ -131,10 +134,14 @@ class OutcomeFit(Printed, eqx.Module):
             raise ValueError(
                 f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
             )
-        free = np.asarray(self.free, float)
-        deviation = np.sqrt(np.diagonal(np.asarray(self.covariance, float)))
-        half = float(ndtri(0.5 + 0.5 * confidence)) * deviation
-        ends = [_list_numbers(free - half), _list_numbers(free + half)]
+        draws = np.asarray(self.draws, float)
+        weights = np.asarray(self.draw_weights, float)
+        tail = 0.5 * (1 - confidence)
+        low, high = (
+            np.array([_find_quantile(column, weights, part) for column in draws.T])
+            for part in (tail, 1 - tail)
+        )
+        ends = [_list_numbers(low), _list_numbers(high)]
         return {
             name: (float(low), float(high))
             for name, low, high in zip(FREE_NAMES, *ends, strict=True)
@@ -287,7 +294,7 @@ def fit_outcomes(
     prior: PriorLike | None = None,
     groups: Sequence[object] | None = None,
     peak_rotations: Numbers | None = None,
-    samples: int = 2048,
+    samples: int | None = None,
     seed: int = 0,
     model: ModelLike = Nonlinear(),
     gravity: Number = 9.81,
@@ -319,9 +326,9 @@ def fit_outcomes(
     peak_rotations : array_like, shape (tests,), optional
         Measured peak rotations [rad]; NaN where unknown. Those of blocks that overturned are
         left out.
-    samples : int
+    samples : int, optional
         Blocks of the sample, a power of 2 from 64 on; a quarter more is drawn from the prior,
-        and more where few have weight.
+        and more where few have weight. By default 8,192 for up to 128 tests, 2,048 from 512 on.
     seed : int
         Of the Sobol points.
     model : Nonlinear or Linearized, or their names
@@ -396,7 +403,9 @@ def make_outcome_fit(campaign: Campaign, fitted: CampaignFit) -> OutcomeFit:
         block=block,
         restitution=population.restitution,
         free=searched.free,
-        covariance=as_array(fitted.covariance),
+        covariance=as_array(fitted.posterior.covariance),
+        draws=as_array(fitted.posterior.free),
+        draw_weights=as_array(fitted.posterior.weights),
         prior_mean=as_array(campaign.prior.mean),
         prior_width=as_array(campaign.prior.width),
         points=fitted.sample.points,
@@ -410,6 +419,13 @@ def make_outcome_fit(campaign: Campaign, fitted: CampaignFit) -> OutcomeFit:
         grouped=campaign.grouped,
         simulator=simulator,
     )
+
+
+def _find_quantile(values: np.ndarray, weights: np.ndarray, part: float) -> float:
+    """Find the value below which a part of the weights is, between two draws by a line."""
+    order = np.argsort(values)
+    middles = np.cumsum(weights[order]) - 0.5 * weights[order]
+    return float(np.interp(part, middles, values[order]))
 
 
 def _list_numbers(free: np.ndarray) -> np.ndarray:
