@@ -62,7 +62,8 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
         # Beside the interval, towards the middle, where nothing is cut off.
         side = -1 if x > 0.9 else 1
         ax.annotate(
-            f"{count:g}",
+            # By weights it need not be whole.
+            f"{round(float(count), 1):g}",
             (x, y),
             (6 * side, 0),
             textcoords="offset points",
