@@ -10,7 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .body import RECTANGLE_INERTIA_RATIO as RECTANGLE_INERTIA_RATIO
-from .body import compute_shape, compute_size, fraction_in_centre
+from .body import (
+    compute_dynamics,
+    compute_shape,
+    compute_size,
+    fraction_in_centre,
+    is_of_numpy,
+    resolve_size,
+)
 from .host import Printed, format_derivatives, format_number
 from .numerics import angle
 from .validation import (
@@ -30,10 +37,16 @@ from .validation import (
     quantity,
 )
 
-# The two descriptions of the size of a block: 2b and 2a, or b and lambda.
-SizeDescription = Literal["sides", "shape"]
+# The descriptions of the size of a block: 2b and 2a, b and lambda, or alpha_c and p.
+SizeDescription = Literal["sides", "shape", "dynamics"]
 SIDES = ("width", "height")
 SHAPE = ("half_width", "slenderness")
+DYNAMICS = ("critical_angle", "frequency_parameter")
+SIZE_NAMES: Mapping[SizeDescription, tuple[str, str]] = {
+    "sides": SIDES,
+    "shape": SHAPE,
+    "dynamics": DYNAMICS,
+}
 # A width has two meanings, by what stays as it is where it is changed.
 SIZES_IN_WORDS = {
     "width": "width at this height",
@@ -336,30 +349,33 @@ def warn_of_size(name: str, value: AnyArray, stacklevel: int = 2) -> None:
 
 
 def size_of(block: Block, by: SizeDescription) -> dict[str, AnyArray | np.floating]:
-    """List all parameters of a block, with its size described by its sides or by its shape.
+    """List all parameters of a block, with one description of its size.
 
     Parameters
     ----------
     block : Block
         Leaves of NumPy give numbers of NumPy, for which nothing is compiled.
-    by : {"sides", "shape"}
+    by : {"sides", "shape", "dynamics"}
         Whether the size is ``width`` and ``height`` [m], or ``half_width`` [m] and
-        ``slenderness`` [-].
+        ``slenderness`` [-], or ``critical_angle`` [rad] and ``frequency_parameter`` [1/s].
 
     Returns
     -------
     dict of Array
         The two parameters of the size, ``gravity`` [m/s2], ``inertia_ratio`` [-]; in order.
     """
+    size: dict[str, AnyArray | np.floating]
     size = {"half_width": block.half_width, "slenderness": block.slenderness}
     if by == "sides":
         width = 2 * block.half_width
         size = {"width": width, "height": width * block.slenderness}
+    elif by == "dynamics":
+        size = dict(zip(DYNAMICS, compute_dynamics(*jax.tree.leaves(block)), strict=True))
     return {**size, "gravity": block.gravity, "inertia_ratio": block.inertia_ratio}
 
 
 def block_of(parameters: Mapping[str, Number], one_sided: bool) -> Block:
-    """Make the block of its parameters, by either description of its size.
+    """Make the block of its parameters, by any description of its size.
 
     Parameters
     ----------
@@ -381,13 +397,16 @@ def block_of(parameters: Mapping[str, Number], one_sided: bool) -> Block:
     if "width" in parameters:
         half_width = parameters["width"] / 2
         slenderness = parameters["height"] / parameters["width"]
+    elif "critical_angle" in parameters:
+        names = ("frequency_parameter", "critical_angle", "gravity", "inertia_ratio")
+        half_width, slenderness = resolve_size(*(parameters[name] for name in names))
     else:
         half_width = parameters["half_width"]
         slenderness = parameters["slenderness"]
     # Gravity and the inertia ratio have one description.
     numbers = (half_width, slenderness, parameters["gravity"], parameters["inertia_ratio"])
     block = Block(*numbers, one_sided=one_sided)
-    if all(isinstance(value, np.ndarray | np.generic) for value in numbers):
+    if is_of_numpy(*numbers):
         # A block moves its numbers to the device, where each operation on them would compile a
         # program for each shape.
         return jax.tree.unflatten(jax.tree.structure(block), numbers)

@@ -688,6 +688,11 @@ CALLS = {
         "jaxrock.risk.fragility",
         {"uncertain": jr.Uncertain({"floor_period": 0.2}, samples=4)},
     ),
+    "fragility of what is measured": (
+        "--uncertain critical_angle=0.2 frequency_parameter=0.1",
+        "jaxrock.risk.fragility",
+        {"uncertain": jr.Uncertain({"critical_angle": 0.2, "frequency_parameter": 0.1})},
+    ),
     "rocking-spectrum of walls": (
         "--one-sided --period 2 --slenderness 5",
         "jaxrock.cli.spectra.compute_rocking_spectrum",

@@ -21,7 +21,7 @@ from jaxrock.sensitivity.outcome_statistics import (
     compute_scores,
     compute_sobol_indices,
 )
-from jaxrock.sensitivity.uncertain import draw_normal_numbers, map_normal_numbers
+from jaxrock.sensitivity.samples import draw_normal_numbers, map_normal_numbers
 
 float64 = pytest.mark.float64
 BLOCK = jr.Block.from_size(width=0.2, height=0.8)

@@ -124,13 +124,13 @@ def test_elasticities_in_closed_form():
 
 
 @SLOW
-def test_elasticities_by_sides():
+def test_elasticities_by_each_description():
     """The chain rule, in both precisions; each of two objects has its own."""
     site = jr.Site(pulses(50), hazard, levels=LEVELS[::4])
     blocks = jr.Block(np.array([0.25, 0.3]), np.array([4.0, 3.5]))
-    shape, sides = (
+    shape, sides, dynamics = (
         jr.risk.rate_elasticities(blocks, 0.85, site, by=by, model="linearized")
-        for by in ("shape", "sides")
+        for by in ("shape", "sides", "dynamics")
     )
     assert sides.names[:2] == ("width", "height")
     assert sides.at_point.shape == sides.over_change.shape == (5, 2)
@@ -138,6 +138,13 @@ def test_elasticities_by_sides():
     by_width = shape.at_point[0] - shape.at_point[1]
     np.testing.assert_allclose(sides.at_point[0], by_width, rtol=1e-3)
     np.testing.assert_allclose(sides.at_point[1], shape.at_point[1], rtol=1e-3)
+    assert dynamics.names[:2] == ("critical_angle", "frequency_parameter")
+    # ln b = ln sin(alpha_c) - 2 ln p + ..., and ln lambda = -ln tan(alpha_c).
+    angle = np.arctan(1 / np.array([4.0, 3.5]))
+    of_half_width = shape.at_point[0] * angle / np.tan(angle)
+    of_slenderness = shape.at_point[1] * angle / (np.sin(angle) * np.cos(angle))
+    np.testing.assert_allclose(dynamics.at_point[0], of_half_width - of_slenderness, rtol=1e-3)
+    np.testing.assert_allclose(dynamics.at_point[1], -2 * shape.at_point[0], rtol=1e-3)
 
 
 @DOUBLE

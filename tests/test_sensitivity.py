@@ -11,7 +11,7 @@ from scipy import integrate, stats
 import jaxrock as jr
 from jaxrock.sensitivity.distributions import find_widths, quantiles
 from jaxrock.sensitivity.moments import _estimate_moments
-from jaxrock.sensitivity.uncertain import draw_normal_numbers
+from jaxrock.sensitivity.samples import draw_normal_numbers
 
 pytestmark = pytest.mark.float64
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)

@@ -75,7 +75,9 @@ def fragility(
     tolerance
         Relative error of peak rotations that is allowed.
     uncertain
-        Coefficients of variation of uncertain parameters, as in restitution=0.05 width=0.02.
+        Coefficients of variation of uncertain parameters, as in restitution=0.05 width=0.02:
+        width and height, or half_width and slenderness, or critical_angle and
+        frequency_parameter; restitution, gravity, inertia_ratio, floor_period, floor_damping.
     samples
         Samples of uncertain parameters, a power of 2. 64 if not given.
     model

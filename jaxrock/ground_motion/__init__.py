@@ -1,5 +1,6 @@
 """Ground motions: pulses, records and suites of them, and the files they are read from."""
 
+from .drift import measure_drift as measure_drift
 from .files import FEMA_SETS as FEMA_SETS
 from .files import (
     example_record,

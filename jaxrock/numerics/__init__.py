@@ -1,8 +1,9 @@
-"""Numerics that the other packages share: elementary functions, elliptic integrals, roots."""
+"""Numerics that the other packages share: functions, roots, intervals of probabilities."""
 
 from .brackets import EvaluatedMargin as EvaluatedMargin
 from .brackets import find_brackets as find_brackets
 from .brackets import find_brackets_traced as find_brackets_traced
+from .clopper_pearson import bound_probabilities as bound_probabilities
 from .elementary import angle as angle
 from .elementary import arcsin as arcsin
 from .elementary import arcsin_ratio as arcsin_ratio

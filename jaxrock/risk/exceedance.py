@@ -7,7 +7,7 @@ import numpy as np
 
 from ..grids import DataType
 from ..host import add_names
-from .clopper_pearson import bound_probabilities
+from ..numerics import bound_probabilities
 from .lognormal import LognormalFit, fit_lognormal
 
 if TYPE_CHECKING:

@@ -223,7 +223,7 @@ def _check_levels(levels: Numbers) -> np.ndarray:
 
 
 def _describe_objects(objects: Objects, uncertain: Uncertain | None) -> dict[str, object]:
-    """Collect parameters and coefficients of variation as attributes."""
+    """Collect parameters, coefficients of variation and correlations as attributes."""
     parameters = {**size_of(objects.block, "shape"), "restitution": objects.restitution}
     attributes: dict[str, object] = {
         name: np.asarray(value, float).tolist() for name, value in parameters.items()
@@ -233,6 +233,8 @@ def _describe_objects(objects: Objects, uncertain: Uncertain | None) -> dict[str
     if uncertain is not None:
         for name, value in uncertain.coefficients_of_variation.items():
             attributes[f"coefficient_of_variation_of_{name}"] = np.asarray(value).tolist()
+        for (first, second), value in uncertain.correlations.items():
+            attributes[f"correlation_of_{first}_and_{second}"] = value
         attributes |= {"samples": uncertain.samples, "seed": uncertain.seed}
     return attributes
 

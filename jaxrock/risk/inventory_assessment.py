@@ -9,10 +9,10 @@ import numpy as np
 from ..block import SIZES_IN_WORDS, Block
 from ..ground_motion import MEASURES, describe_suite
 from ..host import add_names, make_dataset
+from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
-from .clopper_pearson import bound_probabilities
 from .drawn_objects import draw_objects
 from .exceedance import describe_variable
 from .hazard import Hazard, compute_return_periods
@@ -318,9 +318,11 @@ def _make_dataset(
             described = describe_variable(long_name, units)
         variables[name] = (dims.get(name, ("object",)), values[order], described)
     uncertain = inventory.uncertain
-    samples = (
-        {} if uncertain is None else {"samples": uncertain.samples, "seed": uncertain.seed}
-    )
+    drawn: dict[str, float] = {}
+    if uncertain is not None:
+        for (first, second), value in uncertain.correlations.items():
+            drawn[f"correlation_of_{first}_and_{second}"] = value
+        drawn |= {"samples": uncertain.samples, "seed": uncertain.seed}
     assumed = {}
     if "one_sided" in answers:
         assumed["one_sided_objects"] = "under each record in both directions"
@@ -348,7 +350,7 @@ def _make_dataset(
             "model": model.name,
             "simulated_levels": site.levels.size,
             **assumed,
-            **samples,
+            **drawn,
         },
     )
     names = {

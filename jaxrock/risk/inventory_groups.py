@@ -84,7 +84,7 @@ def _select_objects(
     """Select the objects of a group, without their floor: the suite of its site is on it.
 
     For a group on the ground floor, where other groups are on upper floors, the uncertainty
-    of `floor_period` and `floor_damping` is left out.
+    of `floor_period` and `floor_damping` is left out, with its correlations.
     """
     objects = inventory.objects
     block = Block(
@@ -101,7 +101,17 @@ def _select_objects(
             for name, value in uncertain.coefficients_of_variation.items()
             if not (without_floor and name in FLOOR_NAMES)
         }
-        uncertain = Uncertain(coefficients, samples=uncertain.samples, seed=uncertain.seed)
+        correlations = {
+            pair: value
+            for pair, value in uncertain.correlations.items()
+            if coefficients.keys() >= set(pair)
+        }
+        uncertain = Uncertain(
+            coefficients,
+            correlations=correlations,
+            samples=uncertain.samples,
+            seed=uncertain.seed,
+        )
     return Inventory(
         [inventory.names[k] for k in places],
         block,

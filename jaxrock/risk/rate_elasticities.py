@@ -81,9 +81,10 @@ def rate_elasticities(
     change : float
         Relative change to either side, greater than 0 and less than 0.5; no further than
         kappa = 1, and halfway to C = 1.
-    by : {"shape", "sides"}
-        Whether the size is described by half-width at this slenderness and slenderness, or by
-        width at this height and height at this width.
+    by : {"shape", "sides", "dynamics"}
+        Whether the size is described by half-width at this slenderness and slenderness, by
+        width at this height and height at this width, or by critical angle and frequency
+        parameter.
 
     Returns
     -------

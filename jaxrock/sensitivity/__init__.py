@@ -1,6 +1,7 @@
 """The dependence of an answer: derivatives, ranges, uncertainty and probability of failure."""
 
 from .array_slopes import value_and_slopes
+from .distributions import find_coefficients as find_coefficients
 from .driven_answer import DrivenAnswerName as DrivenAnswerName
 from .driven_tornado import driven_tornado
 from .local_dependence import LocalDependence, local_dependence
@@ -18,7 +19,10 @@ from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
 from .reliability import ReliabilityResult, failure_probability
 from .uncertain import FLOOR_NAMES as FLOOR_NAMES
+from .parameters import refuse_name as refuse_name
+from .distributions import find_widths as find_widths
 from .uncertain import Draws, Uncertain
+from .uncertain import draw_normal_numbers as draw_normal_numbers
 from .uncertain import FloorFactors as FloorFactors
 
 __all__ = [

@@ -1,8 +1,7 @@
 """Distributions of parameters that are uncertain: by median and coefficient of variation."""
 
 import math
-from collections.abc import Callable, Collection
-from typing import TypeVar
+from collections.abc import Callable, Collection, Iterable
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +10,11 @@ from scipy.special import expit
 
 from ..validation import AnyArray
 
-_Float = TypeVar("_Float", float, np.ndarray)
-
 _BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # how the names of such parameters end
+# A standard normal distribution, for quadrature.
+_NORMAL: np.ndarray = np.linspace(-9, 9, 1801)
+_WEIGHT: np.ndarray = np.exp(-0.5 * _NORMAL**2)
+_WEIGHT /= _WEIGHT.sum()
 
 
 def quantiles(z: AnyArray, median: AnyArray, width: AnyArray, bounded: AnyArray) -> AnyArray:
@@ -55,43 +56,109 @@ def find_widths(
     return width, bounded
 
 
+def find_coefficients(
+    names: Collection[str], medians: Iterable[float], widths: Iterable[float]
+) -> np.ndarray:
+    """Find the coefficients of variation that `find_widths` turns into given widths.
+
+    Parameters
+    ----------
+    names : collection of str
+    medians, widths : array_like, shape (names,)
+        The width is the standard deviation of the logit of a ``restitution`` or
+        ``damping_ratio``, else that of the logarithm; at a median that is not positive it is
+        the coefficient of variation itself.
+
+    Returns
+    -------
+    ndarray, shape (names,)
+
+    Raises
+    ------
+    ValueError
+        If a width is not finite and at least 0; if a logit is so wide that its density has two
+        peaks, or that a smaller width has the same coefficient of variation.
+    """
+    coefficients = np.zeros(len(names))
+    for k, (name, median, width) in enumerate(zip(names, medians, widths, strict=True)):
+        if not 0 <= width < math.inf:
+            raise ValueError(
+                f"standard deviation of the logarithm or logit of {name} must be finite and at"
+                f" least 0, got {width:g}"
+            )
+        if median <= 0:
+            coefficients[k] = width
+        elif width and name.endswith(_BETWEEN_0_AND_1):
+            coefficients[k] = _find_logit_coefficient(name, float(median), float(width))
+        else:
+            coefficients[k] = math.expm1(width**2) ** 0.5
+    return coefficients
+
+
 def _find_logit_width(name: str, median: float, variation: float) -> float:
     """Find the logit's standard deviation for a coefficient of variation, by quadrature."""
     must_be = f"coefficient of variation of {name} must be"
     if median >= 1:
         raise ValueError(f"{must_be} 0 at {median:g}, got {variation:g}")
-    logit = abs(math.log(median) - math.log1p(-median))
-    z = np.linspace(-9, 9, 1801)
-    weight = np.exp(-0.5 * z**2)
-    weight /= weight.sum()
-
-    def compute_variation(width: _Float) -> _Float:
-        # Of median e^u / (1 - median + median e^u) above the median, u = width z, in a form
-        # that keeps its digits where the width is small.
-        growth = np.expm1(np.multiply.outer(width, z))
-        above = median * (1 - median) * growth / (1 + median * growth)
-        mean = above @ weight
-        return ((above - mean[..., None]) ** 2 @ weight) ** 0.5 / (median + mean)
-
-    def bisect(condition: Callable[[float], bool], high: float) -> float:
-        """Find where a condition that is true at 0 ceases to be."""
-        low = 0.0
-        # 60 halvings are more than the 53 bits of a number.
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if condition(middle) else (low, middle)
-        return low
-
-    # The density has one peak up to here: the equation of its extremes, logit(x) =
-    # logit(median) + width^2 (2 x - 1), solved together with its derivative.
-    apart = bisect(lambda u: math.sinh(u) - u <= logit, 4 + math.log1p(logit))
-    tried = np.linspace(0, 2**0.5 * math.cosh(0.5 * apart), 201)
-    variations = compute_variation(tried)
-    # Beyond its maximum the coefficient decreases: the mean grows faster than the deviation.
-    largest = int(np.argmax(variations))
-    if variation > variations[largest]:
+    widest, largest = _find_widest_logit(median)
+    if variation > largest:
         raise ValueError(
-            f"{must_be} at most {variations[largest]:.3g} at {median:g}, since with"
+            f"{must_be} at most {largest:.3g} at {median:g}, since with"
             f" more the density has two peaks, near 0 and near 1; got {variation:g}"
         )
-    return bisect(lambda width: compute_variation(width) <= variation, float(tried[largest]))
+    return _bisect(
+        lambda width: bool(_compute_logit_coefficient(median, width) <= variation), widest
+    )
+
+
+def _find_logit_coefficient(name: str, median: float, width: float) -> float:
+    """Find the coefficient of variation for a logit's standard deviation, by quadrature."""
+    must_be = f"standard deviation of the logit of {name} must be"
+    if median >= 1:
+        raise ValueError(f"{must_be} 0 at {median:g}, got {width:g}")
+    widest, largest = _find_widest_logit(median)
+    # As `_find_logit_width` has it for the largest coefficient: the maximum lies between two of
+    # the widths that were tried.
+    widest = _bisect(
+        lambda tried: bool(_compute_logit_coefficient(median, tried) <= largest), widest
+    )
+    if width > widest:
+        raise ValueError(
+            f"{must_be} at most {widest:.3g} at {median:g}, since a wider density has two"
+            f" peaks, near 0 and near 1, or no coefficient of variation of its own; got {width:g}"
+        )
+    return float(_compute_logit_coefficient(median, width))
+
+
+def _compute_logit_coefficient(median: float, width: float | np.ndarray) -> np.ndarray:
+    """Compute coefficients of variation for standard deviations of a logit, by quadrature."""
+    # Of median e^u / (1 - median + median e^u) above the median, u = width z, in a form that
+    # keeps its digits where the width is small.
+    growth = np.expm1(np.multiply.outer(width, _NORMAL))
+    above = median * (1 - median) * growth / (1 + median * growth)
+    mean = above @ _WEIGHT
+    return np.asarray(((above - mean[..., None]) ** 2 @ _WEIGHT) ** 0.5 / (median + mean))
+
+
+def _find_widest_logit(median: float) -> tuple[float, float]:
+    """Find the largest standard deviation of a logit, and the coefficient of variation there."""
+    logit = abs(math.log(median) - math.log1p(-median))
+    # The density has one peak up to here: the equation of its extremes, logit(x) =
+    # logit(median) + width^2 (2 x - 1), solved together with its derivative.
+    apart = _bisect(lambda u: math.sinh(u) - u <= logit, 4 + math.log1p(logit))
+    tried = np.linspace(0, 2**0.5 * math.cosh(0.5 * apart), 201)
+    coefficients = _compute_logit_coefficient(median, tried)
+    # Beyond its maximum the coefficient decreases: the mean grows faster than the deviation.
+    widest = float(tried[np.argmax(coefficients)])
+    # Computed alone, as those that are compared with it: the last digit depends on that.
+    return widest, float(_compute_logit_coefficient(median, widest))
+
+
+def _bisect(condition: Callable[[float], bool], high: float) -> float:
+    """Find where a condition that is true at 0 ceases to be."""
+    low = 0.0
+    # 60 halvings are more than the 53 bits of a number.
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if condition(middle) else (low, middle)
+    return low

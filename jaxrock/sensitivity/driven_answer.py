@@ -9,12 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..block import SIDES, Block, SizeDescription, block_of, size_of
+from ..block import Block, block_of, size_of
 from ..driven import require_complete, respond, respond_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..resonance import RockingModel
 from ..validation import AnyArray, Number, Reals, as_field, as_name, as_real, as_text
-from .uncertain import make_drawn_blocks
+from .parameters import choose_description
+from .samples import make_drawn_blocks
 
 # The answers that have a name, in words.
 ANSWERS = {
@@ -91,7 +92,7 @@ class DrivenAnswer(eqx.Module):
 
     def __call__(self, parameters: Mapping[str, Number]) -> Reals:
         """Compute the answer at one value of each parameter, which may be traced."""
-        size = size_of(self.block, _choose_size(parameters))
+        size = size_of(self.block, choose_description(parameters, "parameters"))
         block = block_of({**size, **parameters}, self.block.one_sided)
         restitution, motion = self._change_scene(parameters)
         duration = self._choose_duration(motion)
@@ -106,7 +107,7 @@ class DrivenAnswer(eqx.Module):
         ValueError
             If an integration did not finish.
         """
-        size = size_of(self.block, _choose_size(parameters))
+        size = size_of(self.block, choose_description(parameters, "parameters"))
         constant = {name: np.asarray(value) for name, value in size.items()}
         drawn = make_drawn_blocks({**constant, **parameters}, self.block.one_sided)
         blocks = jax.device_put(drawn)
@@ -137,8 +138,3 @@ class DrivenAnswer(eqx.Module):
         # A block that has fallen lies where nothing changes: its peak is no answer.
         peak = jnp.where(response.overturned, jnp.nan, response.peak_rotation)
         return peak / block.critical_angle if self.answer == "rotation_ratio" else peak
-
-
-def _choose_size(parameters: Mapping[str, Number]) -> SizeDescription:
-    """Choose the description of a block that goes with the parameters."""
-    return "sides" if set(SIDES) & parameters.keys() else "shape"

@@ -8,7 +8,7 @@ from ..block import SIDES, Block, size_of
 from ..driven import check_batch
 from ..ground_motion import Motion
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, as_name, as_real, check_kind
+from ..validation import Number, as_name, as_real, as_text, check_kind
 from .driven_answer import (
     AnswerOfResponse,
     DrivenAnswer,
@@ -17,6 +17,7 @@ from .driven_answer import (
     list_motion_medians,
 )
 from .measures import TornadoBars, arrange_bars, list_ends
+from .parameters import choose_description
 
 
 def driven_tornado(
@@ -71,7 +72,7 @@ def driven_tornado(
     check_batch(block, restitution, motion, None)
     factor = as_real("scale", scale, unit="")
     medians = {
-        **size_of(block, "sides" if set(SIDES) & ranges.keys() else "shape"),
+        **size_of(block, choose_description(map(as_text, ranges), "ranges")),
         "restitution": restitution,
         **list_motion_medians(motion),
         "scale": factor,

@@ -22,13 +22,12 @@ from .driven_answer import (
 )
 from .outcome_interval import OutcomeInterval, find_outcome_interval, write_outcome
 from .parameters import describe_parameter, make_parametric
-from .uncertain import (
-    Uncertain,
+from .samples import (
     draw_normal_numbers,
     list_medians,
-    list_single_coefficients,
     map_normal_numbers,
 )
+from .uncertain import Uncertain, list_single_coefficients
 
 # A tangent describes an answer if it explains this fraction of the variance.
 _EXPLAINED = 0.8
@@ -277,7 +276,8 @@ def _sample_answers(
     names = tuple(coefficients)
     # The samples of which `outcome_probabilities` counts the outcomes: half of its columns.
     normal = draw_normal_numbers(2 * len(names), uncertain.samples, uncertain.seed)
-    drawn = map_normal_numbers(normal[:, : len(names)], medians, coefficients)
+    correlated = uncertain.correlate(normal[:, : len(names)])
+    drawn = map_normal_numbers(correlated, medians, coefficients)
     # With the medians as the last sample: one batch.
     points = {name: np.append(drawn[name], medians[name]) for name in names}
     answers = function.evaluate(points)

@@ -83,7 +83,13 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = gradient * x / y
     return Sensitivities(
-        function.names, x, float(y), gradient, elasticity, hessian, function.sides
+        function.names,
+        x,
+        float(y),
+        gradient,
+        elasticity,
+        hessian,
+        function.get_size_names("sides"),
     )
 
 
@@ -154,7 +160,7 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     function = make_parametric(answer, at, "ranges", ranges)
     ends = list_ends(np.asarray(function.values)[list(function.varied)], ranges)
     (values,) = function.evaluate(ends)
-    return arrange_bars(values, ranges, function.sides)
+    return arrange_bars(values, ranges, function.get_size_names("sides"))
 
 
 def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:

@@ -24,7 +24,8 @@ class MomentEstimate(Printed):
     first_order_mean, first_order_standard_deviation, mean, standard_deviation : float
         From the gradient alone, and from the gradient and the Hessian.
     variance_fractions : dict
-        Fractions of the first-order variance, by parameter.
+        Fractions of the first-order variance, by parameter. Empty where parameters are
+        correlated: a part of the variance belongs to several of them then.
     mean_error, standard_deviation_error, left_out : float
         Errors of `mean` and `standard_deviation` by the samples, plus two standard errors of
         that estimate, over the standard deviation; inf where a sample has no answer.
@@ -45,7 +46,8 @@ class MomentEstimate(Printed):
     left_out: float
 
     def __str__(self) -> str:
-        return format_fields(self, **dict.fromkeys(vars(self), ""))
+        names = [name for name, value in vars(self).items() if value != {}]
+        return format_fields(self, **dict.fromkeys(names, ""))
 
 
 def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
@@ -62,7 +64,7 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     uncertain : Uncertain
         By the names of these numbers, with one coefficient of variation for each. Of a `Block`
         the names are those of its fields, or ``width`` (at this height) and ``height`` (at
-        this width).
+        this width), or ``critical_angle`` and ``frequency_parameter``.
 
     Returns
     -------
@@ -71,8 +73,9 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     Raises
     ------
     ValueError
-        If a name is not one of `at`; if the coefficient of a restitution is too large: not 0
-        at a median of 1, or such that the density has two peaks.
+        If a name is not one of `at`; if a sample of a critical angle reaches pi / 2; if the
+        coefficient of a restitution is too large: not 0 at a median of 1, or such that the
+        density has two peaks.
 
     Examples
     --------
@@ -86,7 +89,8 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     function, normal = make_uncertain_answer(answer, at, uncertain)
     series = function.evaluate(np.zeros(normal.shape[1]), 2)
     (answers,) = function.evaluate(normal)
-    return _estimate_moments(uncertain.names, series, normal, answers)
+    names = () if uncertain.correlated_pairs else uncertain.names
+    return _estimate_moments(names, series, normal, answers)
 
 
 def monte_carlo(answer: Answer, at: Any, uncertain: Uncertain) -> np.ndarray:
@@ -111,7 +115,10 @@ def _estimate_moments(
     z: np.ndarray,
     answers: np.ndarray,
 ) -> MomentEstimate:
-    """Compute the moments of a quadratic in normal numbers, and compare it with answers."""
+    """Compute the moments of a quadratic in normal numbers, and compare it with answers.
+
+    Fractions of the variance are attributed to the names, if there are any.
+    """
     # For y + g . z + z . H z / 2 of independent standard normal z the mean is y + tr(H) / 2,
     # the variance g . g + tr(H H) / 2.
     value, gradient, hessian = series
@@ -126,7 +133,7 @@ def _estimate_moments(
         quadratic = value + z @ gradient + 0.5 * np.einsum("ni,ij,nj->n", z, hessian, z)
         errors = _estimate_errors(quadratic, answers - quadratic, mean, deviation)
     fractions = gradient**2 / (first_variance or 1.0)
-    by_name = dict(zip(names, fractions.tolist(), strict=True))
+    by_name = dict(zip(names, fractions.tolist(), strict=True)) if names else {}
     moments = (float(value), first_variance**0.5, mean, deviation)
     left_out = 1 - finite.mean()
     return MomentEstimate(*moments, by_name, max(errors) <= _ALLOWED, *errors, float(left_out))

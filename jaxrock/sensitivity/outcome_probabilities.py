@@ -20,14 +20,13 @@ from .outcome_statistics import (
     compute_sobol_indices,
 )
 from .parameters import describe_parameter
-from .uncertain import (
-    Uncertain,
+from .samples import (
     draw_normal_numbers,
     list_medians,
-    list_single_coefficients,
     make_drawn_blocks,
     map_normal_numbers,
 )
+from .uncertain import Uncertain, list_single_coefficients
 
 # Responses that are simulated at once, for which there is memory.
 _AT_ONCE = 2**20
@@ -179,10 +178,10 @@ def outcome_probabilities(
         By the names of the parameters of the block (see `Uncertain`) and ``restitution``; by
         ``scale``, a factor on the motion with the median 1; by ``amplitude`` and ``duration``
         of a pulse, ``amplitude`` and ``frequency`` of a `Harmonic`. At least one, with one
-        coefficient of variation each, greater than 0. Under one motion 4,096 samples give
-        indices to a few hundredths, with the 64 of the default only probabilities are worth
-        reading. As many responses again are simulated for each parameter and once more, for
-        the Sobol indices.
+        coefficient of variation each, greater than 0, and no correlations. Under one motion
+        4,096 samples give indices to a few hundredths, with the 64 of the default only
+        probabilities are worth reading. As many responses again are simulated for each
+        parameter and once more, for the Sobol indices.
     ratio : float
         Rotation ratio alpha_max / alpha_c [-] of the second outcome, greater than 0. A block
         that overturns exceeds it.
@@ -200,7 +199,8 @@ def outcome_probabilities(
     Raises
     ------
     ValueError
-        If an argument is out of range, a name is unknown, or an integration did not finish.
+        If an argument is out of range, a name is unknown, parameters are correlated, or an
+        integration did not finish.
 
     Notes
     -----
@@ -226,6 +226,12 @@ def outcome_probabilities(
             f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
         )
     coefficients = list_single_coefficients(uncertain)
+    if uncertain.correlated_pairs:
+        first, second = uncertain.correlated_pairs[0][0]
+        raise ValueError(
+            "uncertain must have no correlations, since Sobol indices are those of independent"
+            f" parameters; got {first} and {second}"
+        )
     if not coefficients:
         raise ValueError("uncertain must name at least one parameter, got none")
     if any(np.ndim(leaf) for leaf in jax.tree.leaves((block, scene[0]))):

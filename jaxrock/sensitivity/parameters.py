@@ -13,7 +13,7 @@ from jaxtyping import Array, PyTree
 
 from ..block import (
     SHAPE,
-    SIDES,
+    SIZE_NAMES,
     SIZES_IN_WORDS,
     Block,
     SizeDescription,
@@ -33,8 +33,8 @@ from .distributions import quantiles
 Answer = Callable[..., Number]  # of a pytree of numbers
 Ranges = Mapping[str, tuple[float, float]]
 
-# The parameters of a block that is described by its sides, as `size_of` lists them.
-_BY_SIDES = (*SIDES, "gravity", "inertia_ratio")
+# The parameters of a block as `size_of` lists them, behind the two of its size.
+_WITH_SIZE = ("gravity", "inertia_ratio")
 _CHUNK = 2**14  # points evaluated at once, for which there is memory
 
 
@@ -49,18 +49,21 @@ class ParametricAnswer(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     form: Any = eqx.field(static=True)  # of the pytree that the answer takes
     varied: tuple[int, ...] = eqx.field(static=True)
-    # Places of the widths of blocks that are described by their sides; the height is next.
-    widths: tuple[int, ...] = eqx.field(static=True, default=())
+    # Of blocks that are not described by their shape: the place of their first parameter.
+    descriptions: tuple[tuple[int, SizeDescription], ...] = eqx.field(static=True, default=())
     distribution: tuple[Array, Array] | None = None  # widths and bounds, by `find_widths`
+    factor: Array | None = None  # of correlations, by `factor_correlations`
 
-    @property
-    def sides(self) -> tuple[str, ...]:
-        """The names of all sides of blocks."""
-        return tuple(name for k in self.widths for name in self.names[k : k + 2])
+    def get_size_names(self, by: SizeDescription) -> tuple[str, ...]:
+        """Return the names of the sizes of all blocks that are described in one way."""
+        places = [k for k, description in self.descriptions if description == by]
+        return tuple(name for k in places for name in self.names[k : k + 2])
 
     def parameters_at(self, point: Array) -> Array:
         """Return all parameters at a point, also those without uncertainty or range."""
         varied = np.asarray(self.varied, int)
+        if self.factor is not None:
+            point = self.factor @ point
         if self.distribution is not None:
             point = jnp.asarray(quantiles(point, self.values[varied], *self.distribution))
         return self.values.at[varied].set(point)
@@ -68,9 +71,10 @@ class ParametricAnswer(eqx.Module):
     def __call__(self, point: Array) -> Array:
         """Compute the answer at a point."""
         parameters = list(self.parameters_at(point))
-        for k in self.widths:
+        for k, by in self.descriptions:
+            names = (*SIZE_NAMES[by], *_WITH_SIZE)
             # Its numbers alone count: whether it is one-sided, the form says.
-            block = block_of(dict(zip(_BY_SIDES, parameters[k : k + 4], strict=True)), False)
+            block = block_of(dict(zip(names, parameters[k : k + 4], strict=True)), False)
             parameters[k : k + 4] = jax.tree.leaves(block)
         value = jnp.asarray(self.answer(jax.tree.unflatten(self.form, parameters)))
         if value.ndim:
@@ -110,7 +114,8 @@ def make_parametric(
 ) -> ParametricAnswer:
     """Make the answer a function of the parameters that an `argument` names, or of all.
 
-    A block in `at` is described by its sides if these are named, or all blocks are by `sides`.
+    A block in `at` is described by the two sizes that are named, else by its shape, or all
+    blocks are by their `sides`.
     """
     check_kind("answer", answer, Callable)
     leaves = jax.tree.leaves_with_path(at)
@@ -126,22 +131,24 @@ def make_parametric(
     if isinstance(varied, Mapping):
         _check_ranges(varied)
     varied = None if varied is None else tuple(map(as_text, varied))
-    widths = _find_widths_of_blocks(at, paths, varied, argument, sides)
-    names = _name_parameters(paths, widths)
-    # A block has its sides as well, in place of half-width and slenderness.
+    descriptions = _find_descriptions(at, paths, varied, argument, sides)
+    names = _name_parameters(paths, descriptions)
+    # A block has other sizes as well, in place of half-width and slenderness.
     has_block = any(name.endswith(SHAPE[0]) for name in names)
-    allowed = (*names, *SIDES) if has_block else names
+    sizes = [size for by in SIZE_NAMES.values() for size in by if size not in SHAPE]
+    allowed = (*names, *sizes) if has_block else names
     for name in varied or ():
         if name not in names:
             refuse_name(name, allowed, argument)
     numbers = [np.float64(leaf) for _, leaf in leaves]
-    for k in widths:
+    for k, by in descriptions:
         block = Block(*numbers[k : k + 4])
         block = jax.tree.unflatten(jax.tree.structure(block), numbers[k : k + 4])
-        numbers[k : k + 4] = map(np.float64, size_of(block, "sides").values())
+        numbers[k : k + 4] = map(np.float64, size_of(block, by).values())
     values = jnp.asarray(np.array(numbers))
     places = tuple(map(names.index, names if varied is None else varied))
-    return ParametricAnswer(answer, values, names, jax.tree.structure(at), places, widths)
+    form = jax.tree.structure(at)
+    return ParametricAnswer(answer, values, names, form, places, descriptions)
 
 
 def _check_ranges(ranges: Mapping[str, object]) -> None:
@@ -154,32 +161,34 @@ def _check_ranges(ranges: Mapping[str, object]) -> None:
             )
 
 
-def _name_parameters(paths: Sequence[KeyPath], widths: Sequence[int]) -> tuple[str, ...]:
+def _name_parameters(
+    paths: Sequence[KeyPath], descriptions: Sequence[tuple[int, SizeDescription]]
+) -> tuple[str, ...]:
     """Name the parameters, shortly where that is unique: "restitution" instead of its path."""
     full = [keystr(path, simple=True, separator=".") for path in paths]
     short = [keystr(path[-1:], simple=True) or "value" for path in paths]
-    # Counted before: the sides of one block change no names of other numbers.
+    # Counted before: the sizes of one block change no names of other numbers.
     unique = [short.count(name) == 1 for name in short]
     short_names = set(short)
-    for k in widths:
-        for place, side in zip((k, k + 1), SIDES, strict=True):
+    for k, by in descriptions:
+        for place, size in zip((k, k + 1), SIZE_NAMES[by], strict=True):
             before, dot, _ = full[place].rpartition(".")
-            full[place] = before + dot + side
-            short[place] = side
-            unique[place] &= side not in short_names
+            full[place] = before + dot + size
+            short[place] = size
+            unique[place] &= size not in short_names
     return tuple(
         name if alone else path for name, path, alone in zip(short, full, unique, strict=True)
     )
 
 
-def _find_widths_of_blocks(
+def _find_descriptions(
     at: PyTree,
     paths: Sequence[KeyPath],
     varied: Sequence[str] | None,
     argument: str,
     sides: bool,
-) -> tuple[int, ...]:
-    """Find the places of half-widths that are replaced by widths, as are those behind them."""
+) -> tuple[tuple[int, SizeDescription], ...]:
+    """Find the places and descriptions of blocks that are not described by their shape."""
     nodes = jax.tree.leaves_with_path(at, is_leaf=lambda node: isinstance(node, Block))
     blocks = [path for path, node in nodes if isinstance(node, Block)]
     first = [
@@ -187,18 +196,18 @@ def _find_widths_of_blocks(
         for block in blocks
     ]
     if varied is None:
-        return tuple(first) if sides else ()
+        return tuple((k, "sides") for k in first) if sides else ()
     # The names as they are come first: a dictionary may have a number called width.
     names = _name_parameters(paths, ())
-    places = []
+    descriptions = list[tuple[int, SizeDescription]]()
     for k in first:
-        described = _name_parameters(paths, [k])[k : k + 2]
-        asked = [name for name in varied if name in described and name not in names]
-        if asked:
-            shape = [name for name in varied if name in names[k : k + 2]]
-            choose_description([_cut(name) for name in asked + shape], argument)
-            places.append(k)
-    return tuple(places)
+        sizes = set(names[k : k + 2])
+        for by in SIZE_NAMES:
+            sizes |= set(_name_parameters(paths, [(k, by)])[k : k + 2]) - set(names)
+        chosen = choose_description((_cut(name) for name in varied if name in sizes), argument)
+        if chosen != "shape":
+            descriptions.append((k, chosen))
+    return tuple(descriptions)
 
 
 def _cut(name: str) -> str:
@@ -220,17 +229,21 @@ def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
     Raises
     ------
     ValueError
-        If some describe it by its sides, and others by half-width or slenderness.
+        If the names belong to several descriptions.
     """
     names = list(names)
-    sides = [name for name in names if name in SIDES]
-    shape = [name for name in names if name in SHAPE]
-    if sides and shape:
+    named: dict[SizeDescription, str] = {}
+    for by, sizes in SIZE_NAMES.items():
+        for name in names:
+            if name in sizes:
+                named.setdefault(by, name)
+    if len(named) > 1:
+        pairs = ", or ".join(" and ".join(sizes) for sizes in SIZE_NAMES.values())
         raise ValueError(
-            f"{argument} must have width and height, or half_width and slenderness, which are"
-            f" the same two numbers; got {sides[0]} and {shape[0]}"
+            f"{argument} must have {pairs}, which are the same two numbers; got"
+            f" {' and '.join(named.values())}"
         )
-    return "sides" if sides else "shape"
+    return next(iter(named)) if named else "shape"
 
 
 _IN_WORDS = {**SIZES_IN_WORDS, "scale": "factor on the motion"}

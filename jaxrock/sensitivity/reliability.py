@@ -50,8 +50,9 @@ def failure_probability(margin: Answer, at: Any, uncertain: Uncertain) -> Reliab
 
     The limit state, where the margin is 0, is replaced by a plane (FORM) and a paraboloid
     (SORM) at its point next to the medians, in the space of independent standard normal
-    numbers. Samples check whether the limit state has that shape; 1,024 of them suffice, and
-    with the 64 of the default only a coarse disagreement shows.
+    numbers, of which the logarithms and logits of correlated parameters are a linear map.
+    Samples check whether the limit state has that shape; 1,024 of them suffice, and with the
+    64 of the default only a coarse disagreement shows.
 
     Parameters
     ----------

@@ -1,20 +1,16 @@
 """Uncertain parameters of blocks and their impacts, and samples of them."""
 
 import dataclasses
-import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
-from scipy.special import ndtri
 
-from ..block import SHAPE, SIDES, Block, block_of, size_of
+from ..block import Block
 from ..host import Printed
-from ..impact import read_restitution
 from ..validation import (
     NON_NEGATIVE,
     Number,
@@ -26,19 +22,20 @@ from ..validation import (
     check_kind,
     describe,
 )
+from .correlations import Pair, check_correlations, factor_correlations
 from .distributions import find_widths, quantiles
-from .parameters import (
-    Answer,
-    ParametricAnswer,
-    choose_description,
-    make_parametric,
-    refuse_name,
+from .parameters import Answer, ParametricAnswer, make_parametric
+from .samples import (
+    ARGUMENT,
+    draw_normal_numbers,
+    list_medians,
+    make_drawn_blocks,
+    map_normal_numbers,
+    refuse_wide_angles,
 )
 
-_ARGUMENT = "coefficients_of_variation"
 # Factors on the periods and dampings of all modes of a floor.
 FLOOR_NAMES = ("floor_period", "floor_damping")
-_BITS = 30  # of a Sobol point, the default of SciPy
 
 
 class FloorFactors(NamedTuple):
@@ -55,7 +52,8 @@ class Draws(NamedTuple):
     ----------
     block, restitution : Block of ndarray, ndarray, shape (..., samples)
     normal : ndarray, shape (samples, names)
-        The standard normal numbers, which all objects share.
+        The standard normal number of each uncertain parameter, which decides its sample;
+        correlated as the parameters are. All objects share them.
     floor : FloorFactors or None
         Of shape (..., samples); None where the floor is not uncertain.
     """
@@ -69,19 +67,25 @@ class Draws(NamedTuple):
 class Uncertain(Printed, eqx.Module):
     """Uncertain parameters, by coefficients of variation, and how they are sampled.
 
-    The parameters are independent. Each is given by its median, the value it has without
-    uncertainty, and by its coefficient of variation: positive ones are lognormal, a
-    ``restitution`` or ``damping_ratio`` is logit-normal, all others are normal.
+    Each parameter is given by its median, the value it has without uncertainty, and by its
+    coefficient of variation: positive ones are lognormal, a ``restitution`` or
+    ``damping_ratio`` is logit-normal, all others are normal. They are independent but for the
+    correlations that are given.
 
     Parameters
     ----------
     coefficients_of_variation : mapping
         Standard deviation over mean [-], finite and at least 0, by name; one number, or one
         for each object. Of a block the names are ``width`` (at this height) and ``height`` (at
-        this width), or ``half_width`` (at this slenderness) and ``slenderness``; ``gravity``
-        and ``inertia_ratio``. Of the floor on which a suite is they are ``floor_period`` and
-        ``floor_damping``, which are common to all modes. What else has a name the function
-        says that takes this.
+        this width), or ``half_width`` (at this slenderness) and ``slenderness``, or
+        ``critical_angle`` and ``frequency_parameter``, with which a block is measured;
+        ``gravity`` and ``inertia_ratio``. Of the floor on which a suite is they are
+        ``floor_period`` and ``floor_damping``, which are common to all modes. What else has a
+        name the function says that takes this.
+    correlations : mapping, optional
+        Correlation coefficients [-], between -1 and 1, by pairs of names: of the logarithms of
+        lognormal parameters, the logits of logit-normal ones, normal ones themselves. Pairs
+        that are not given are uncorrelated. All objects have the same.
     samples : int
         Number of samples, a power of 2.
     seed : int
@@ -91,23 +95,38 @@ class Uncertain(Printed, eqx.Module):
     ----------
     names, coefficients : tuple
         The names, and the coefficients in the same order: each a number, or a tuple of them.
+    correlated_pairs : tuple
+        Pairs of names that are correlated, each with its correlation coefficient.
 
     Raises
     ------
     ValueError
         If a name is not a string; if a coefficient is out of range, has a unit or more than
-        one axis; if `samples` or `seed` are not as above.
+        one axis; if `correlations` are not of two different names each, or form no positive
+        semi-definite matrix; if `samples` or `seed` are not as above.
+
+    Notes
+    -----
+    Correlated parameters are a linear map of independent standard normal numbers, by the
+    Cholesky factor of the correlations: the first name keeps its own points, and so do those
+    that are correlated with none before them.
 
     Examples
     --------
     >>> import jaxrock as jr
     >>> print(jr.Uncertain({"width": 0.02, "restitution": 0.05}, samples=1024))
     coefficients of variation: width 0.02, restitution 0.05; 1024 samples, seed 0
+    >>> coefficients = {"critical_angle": 0.1, "frequency_parameter": 0.05}
+    >>> correlations = {("critical_angle", "frequency_parameter"): 0.4}
+    >>> print(jr.Uncertain(coefficients, correlations=correlations))
+    coefficients of variation: critical_angle 0.1, frequency_parameter 0.05; correlations:\
+ critical_angle and frequency_parameter 0.4; 64 samples, seed 0
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
     # Of numbers alone, so that this is immutable, and equal to another one of the same values.
     coefficients: tuple[float | tuple[float, ...], ...] = eqx.field(static=True)
+    correlated_pairs: tuple[tuple[Pair, float], ...] = eqx.field(static=True)
     samples: int = eqx.field(static=True)
     seed: int = eqx.field(static=True)
 
@@ -115,10 +134,11 @@ class Uncertain(Printed, eqx.Module):
         self,
         coefficients_of_variation: Mapping[str, Numbers],
         *,
+        correlations: Mapping[Pair, Number] | None = None,
         samples: int = 64,
         seed: int = 0,
     ):
-        check_kind(_ARGUMENT, coefficients_of_variation, Mapping)
+        check_kind(ARGUMENT, coefficients_of_variation, Mapping)
         checked = dict(
             _check_coefficient(name, value)
             for name, value in coefficients_of_variation.items()
@@ -130,6 +150,7 @@ class Uncertain(Printed, eqx.Module):
             raise ValueError(f"seed must be a whole number from 0 on, got {seed!r:.60}")
         self.names = tuple(checked)
         self.coefficients = tuple(checked.values())
+        self.correlated_pairs = check_correlations(correlations or {}, self.names)
         self.samples = samples
         self.seed = seed
 
@@ -138,8 +159,14 @@ class Uncertain(Printed, eqx.Module):
             f"{name} {_write_coefficient(value)}"
             for name, value in zip(self.names, self.coefficients, strict=True)
         ]
-        sampled = f"{self.samples} samples, seed {self.seed}"
-        return f"coefficients of variation: {', '.join(words) or 'none'}; {sampled}"
+        parts = [f"coefficients of variation: {', '.join(words) or 'none'}"]
+        if self.correlated_pairs:
+            pairs = [
+                f"{first} and {second} {value:g}"
+                for (first, second), value in self.correlated_pairs
+            ]
+            parts.append(f"correlations: {', '.join(pairs)}")
+        return "; ".join([*parts, f"{self.samples} samples, seed {self.seed}"])
 
     @property
     def coefficients_of_variation(self) -> dict[str, float | np.ndarray]:
@@ -148,6 +175,28 @@ class Uncertain(Printed, eqx.Module):
             name: np.array(value) if isinstance(value, tuple) else value
             for name, value in zip(self.names, self.coefficients, strict=True)
         }
+
+    @property
+    def correlations(self) -> dict[Pair, float]:
+        """The correlation coefficients that are not 0, by pairs of names [-]."""
+        return dict(self.correlated_pairs)
+
+    def correlate(self, normal: np.ndarray) -> np.ndarray:
+        """Correlate independent standard normal numbers, as those of `Draws` are.
+
+        Parameters
+        ----------
+        normal : ndarray, shape (samples, names)
+            Independent standard normal numbers, a column for each name.
+
+        Returns
+        -------
+        ndarray, shape (samples, names)
+            The same numbers where nothing is correlated.
+        """
+        if not self.correlated_pairs:
+            return normal
+        return normal @ factor_correlations(self.correlated_pairs, self.names).T
 
     def draw(self, block: Block, restitution: Number, *, on_floor: bool = False) -> Draws:
         """Draw samples of a block, or of each of many, by scrambled Sobol points.
@@ -170,11 +219,11 @@ class Uncertain(Printed, eqx.Module):
         Raises
         ------
         ValueError
-            If a name is none of the parameters, or is of a floor and there is none; if both
+            If a name is none of the parameters, or is of a floor and there is none; if
             descriptions of a size are mixed; if there are more axes than one, or not a
-            coefficient for each object; if an inertia ratio falls below 1; if the coefficient
-            of a restitution is too large: not 0 at a median of 1, or such that the density has
-            two peaks.
+            coefficient for each object; if an inertia ratio falls below 1, or a critical angle
+            reaches pi / 2; if the coefficient of a restitution is too large: not 0 at a median
+            of 1, or such that the density has two peaks.
 
         Examples
         --------
@@ -188,7 +237,7 @@ class Uncertain(Printed, eqx.Module):
         of_floor = [name for name in self.names if name in FLOOR_NAMES]
         if of_floor and not on_floor:
             raise ValueError(
-                f"{_ARGUMENT} has {of_floor[0]!r}, but the suite is on no floor whose period and"
+                f"{ARGUMENT} has {of_floor[0]!r}, but the suite is on no floor whose period and"
                 " damping are known; Suite.on_floor puts it on one"
             )
         if of_floor:
@@ -203,10 +252,11 @@ class Uncertain(Printed, eqx.Module):
         for name, values in zip(self.names, self.coefficients, strict=True):
             if isinstance(values, tuple) and (len(values),) != shape:
                 raise ValueError(
-                    f"{_ARGUMENT} of {name} must be one number, or one for each object, got"
+                    f"{ARGUMENT} of {name} must be one number, or one for each object, got"
                     f" {len(values)} for shape {shape} of the objects"
                 )
-        normal = draw_normal_numbers(len(self.names), self.samples, self.seed)
+        independent = draw_normal_numbers(len(self.names), self.samples, self.seed)
+        normal = self.correlate(independent)
         # Object by object: the last digit of an exponential may depend on its place in the
         # array.
         rows = np.stack(medians, axis=-1).reshape(-1, len(medians)).tolist()
@@ -235,14 +285,26 @@ class Uncertain(Printed, eqx.Module):
 def make_uncertain_answer(
     answer: Answer, at: PyTree, uncertain: Uncertain
 ) -> tuple[ParametricAnswer, np.ndarray]:
-    """Make an answer a function of independent standard normal numbers, and draw these."""
+    """Make an answer a function of independent standard normal numbers, and draw these.
+
+    Correlations are within the function.
+    """
     coefficients = list_single_coefficients(uncertain)
-    function = make_parametric(answer, at, _ARGUMENT, uncertain.names)
+    function = make_parametric(answer, at, ARGUMENT, uncertain.names)
     medians = np.asarray(function.values)[list(function.varied)]
     widths = find_widths(uncertain.names, medians, np.array(list(coefficients.values())))
     width, bounded = map(jnp.asarray, widths)
     normal = draw_normal_numbers(len(coefficients), uncertain.samples, uncertain.seed)
-    return dataclasses.replace(function, distribution=(width, bounded)), normal
+    samples = np.asarray(quantiles(uncertain.correlate(normal), medians, *widths))
+    for critical_angle in function.get_size_names("dynamics")[::2]:
+        if critical_angle in uncertain.names:
+            column = uncertain.names.index(critical_angle)
+            refuse_wide_angles(critical_angle, samples[:, column])
+    factor = None
+    if uncertain.correlated_pairs:
+        factor = jnp.asarray(factor_correlations(uncertain.correlated_pairs, uncertain.names))
+    function = dataclasses.replace(function, distribution=(width, bounded), factor=factor)
+    return function, normal
 
 
 def list_single_coefficients(uncertain: Uncertain) -> dict[str, float]:
@@ -252,113 +314,31 @@ def list_single_coefficients(uncertain: Uncertain) -> dict[str, float]:
     for name, value in uncertain.coefficients_of_variation.items():
         if isinstance(value, np.ndarray):
             raise ValueError(
-                f"{_ARGUMENT} of {name} must be one number here, got {value.size} of them"
+                f"{ARGUMENT} of {name} must be one number here, got {value.size} of them"
             )
         coefficients[name] = value
     return coefficients
-
-
-def list_medians(
-    block: Block, restitution: Number, names: Iterable[str]
-) -> dict[str, np.ndarray]:
-    """List the parameters of blocks and their restitutions, by sides if the names say so.
-
-    In NumPy and float64, of shapes that broadcast.
-    """
-    check_kind("block", block, Block)
-    restitution = read_restitution(block, restitution)
-    by = choose_description(names, _ARGUMENT)
-    host, coefficient = jax.tree.map(
-        lambda leaf: np.asarray(leaf, float), (block, restitution)
-    )
-    parameters = {**size_of(host, by), "restitution": coefficient}
-    return {name: np.asarray(value) for name, value in parameters.items()}
-
-
-def draw_normal_numbers(dimensions: int, samples: int, seed: int) -> np.ndarray:
-    """Draw standard normal numbers, shape (samples, dimensions), by scrambled Sobol points.
-
-    The number of samples is a power of 2.
-    """
-    from scipy.stats import qmc  # which loads slowly
-
-    if not dimensions:
-        return np.empty((samples, 0))
-    # SciPy has renamed the argument in version 1.15, and will warn of the old name.
-    name = "rng" if "rng" in inspect.signature(qmc.Sobol).parameters else "seed"
-    options: dict[str, Any] = {name: seed}
-    engine = qmc.Sobol(dimensions, scramble=True, bits=_BITS, **options)
-    points = engine.random_base2(samples.bit_length() - 1)
-    # A point stands for its cell: at the middle of it no point is 0, whose normal number would
-    # be infinite.
-    return ndtri(points + 0.5 ** (_BITS + 1))
-
-
-def map_normal_numbers(
-    normal: np.ndarray, medians: Mapping[str, float], coefficients: Mapping[str, float]
-) -> dict[str, np.ndarray]:
-    """Map standard normal numbers, a column for each uncertain parameter, to all parameters.
-
-    Parameters
-    ----------
-    normal : ndarray, shape (samples, uncertain)
-    medians : mapping
-        Of all parameters, by name.
-    coefficients : mapping
-        Coefficients of variation of the uncertain ones.
-
-    Returns
-    -------
-    dict of ndarray, shape (samples,)
-        All parameters by name; those without uncertainty are constant.
-    """
-    for name in coefficients:
-        if name not in medians:
-            refuse_name(name, (*medians, *SHAPE, *SIDES), _ARGUMENT)
-    median = np.array([medians[name] for name in coefficients], float)
-    width, bounded = find_widths(coefficients, median, np.array(list(coefficients.values())))
-    samples = np.asarray(quantiles(normal, median, width, bounded))
-    uncertain = dict(zip(coefficients, samples.T, strict=True))
-    constant = {name: np.full(len(normal), float(value)) for name, value in medians.items()}
-    return {**constant, **uncertain}
-
-
-def make_drawn_blocks(samples: Mapping[str, np.ndarray], one_sided: bool) -> Block:
-    """Make blocks of parameters that were drawn.
-
-    Raises
-    ------
-    ValueError
-        If an inertia ratio is below 1, which no body has.
-    """
-    ratio = samples["inertia_ratio"]
-    if (ratio < 1).any():
-        raise ValueError(
-            f"{_ARGUMENT} must leave inertia_ratio at 1 or more, got samples down to"
-            f" {ratio.min():.3g}"
-        )
-    return block_of(samples, one_sided)
 
 
 def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[float, ...]]:
     """Return a name and its coefficients as plain numbers; `ValueError` if not allowed."""
     name = as_text(name)
     if not isinstance(name, str):
-        raise ValueError(f"{_ARGUMENT} must have names as keys, got {describe(name)}")
+        raise ValueError(f"{ARGUMENT} must have names as keys, got {describe(name)}")
     # A unit would be lost: a name of a parameter does not tell its own.
     if carries_unit(value):
         raise ValueError(
-            f"{_ARGUMENT} of {name} must be numbers without a unit, got {describe(value)}"
+            f"{ARGUMENT} of {name} must be numbers without a unit, got {describe(value)}"
         )
-    checked = np.asarray(as_real(f"{_ARGUMENT} of {name}", value))
+    checked = np.asarray(as_real(f"{ARGUMENT} of {name}", value))
     # In float64, also where JAX computes in float32.
     values = np.asarray(value, float)
     if checked.ndim > 1:
         raise ValueError(
-            f"{_ARGUMENT} of {name} must be one number, or one for each object, got an array"
+            f"{ARGUMENT} of {name} must be one number, or one for each object, got an array"
             f" of shape {checked.shape}"
         )
-    check(f"{_ARGUMENT} of {name}", values, NON_NEGATIVE)
+    check(f"{ARGUMENT} of {name}", values, NON_NEGATIVE)
     return name, float(values) if not values.ndim else tuple(values.tolist())
 
 

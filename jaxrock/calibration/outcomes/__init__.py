@@ -1,4 +1,4 @@
-"""Blocks from outcomes: motions under which they overturned or stood."""
+"""Populations of blocks from tests that overturned or stood, and scores of their predictions."""
 
 from .outcome_files import Outcomes as Outcomes
 from .outcome_files import read_tests as read_tests

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def bound_probabilities(
-    exceeded: np.ndarray, trials: int, confidence: float
+    exceeded: np.ndarray, trials: int | np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bound probabilities by Clopper-Pearson intervals.
 
@@ -12,7 +12,8 @@ def bound_probabilities(
     ----------
     exceeded : ndarray, shape (...)
         Counts of trials that exceed, between 0 and `trials`. They need not be whole.
-    trials : int
+    trials : int or ndarray, shape (...)
+        Number of trials. It need not be whole, as the sum of weights is not.
     confidence : float
         Between 0 and 1.
 
