@@ -18,6 +18,7 @@ from .accuracy import model_error as model_error
 from .block import Block as Block
 from .calibration import fit_driven_rocking as fit_driven_rocking
 from .calibration import fit_free_rocking as fit_free_rocking
+from .calibration import fit_outcomes as fit_outcomes
 from .driven import DrivenScene as DrivenScene
 from .driven import respond as respond
 from .driven import respond_batch as respond_batch

@@ -2,6 +2,7 @@
 
 from .array_slopes import value_and_slopes
 from .distributions import find_coefficients as find_coefficients
+from .distributions import find_widths as find_widths
 from .driven_answer import DrivenAnswerName as DrivenAnswerName
 from .driven_tornado import driven_tornado
 from .local_dependence import LocalDependence, local_dependence
@@ -17,12 +18,11 @@ from .moments import MomentEstimate, monte_carlo, propagate
 from .outcome_probabilities import OutcomeProbabilities, outcome_probabilities
 from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
-from .reliability import ReliabilityResult, failure_probability
-from .uncertain import FLOOR_NAMES as FLOOR_NAMES
 from .parameters import refuse_name as refuse_name
-from .distributions import find_widths as find_widths
+from .reliability import ReliabilityResult, failure_probability
+from .samples import draw_normal_numbers as draw_normal_numbers
+from .uncertain import FLOOR_NAMES as FLOOR_NAMES
 from .uncertain import Draws, Uncertain
-from .uncertain import draw_normal_numbers as draw_normal_numbers
 from .uncertain import FloorFactors as FloorFactors
 
 __all__ = [

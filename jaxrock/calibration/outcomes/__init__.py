@@ -1,4 +1,17 @@
 """Populations of blocks from tests that overturned or stood, and scores of their predictions."""
 
-from .outcome_files import Outcomes as Outcomes
-from .outcome_files import read_tests as read_tests
+from .campaign import check_campaign as check_campaign
+from .cross_validation import cross_validate, fit_and_score
+from .fit import OutcomeFit, fit_outcomes
+from .outcome_files import Outcomes, read_tests
+from .population import Population
+
+__all__ = [
+    "OutcomeFit",
+    "Outcomes",
+    "Population",
+    "cross_validate",
+    "fit_and_score",
+    "fit_outcomes",
+    "read_tests",
+]

@@ -244,9 +244,7 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
             # longer than all else.
             fewer = parts[0].sum() / max(parts[k].sum(), 1)
             proposals.append(propose_blocks(searched[k], fewer * covariance))
-        sample = draw_sample(
-            simulator, campaign.suite, proposals, number, seed + turn, sample
-        )
+        sample = draw_sample(simulator, campaign.suite, proposals, number, seed + turn, sample)
         searched, data = _search_parts(campaign, sample, parts, searched)
         points = sample.points
         effective = [count_effective_blocks(end, points) for end in searched]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from scipy.special import expit, logsumexp, ndtri
+from scipy.special import expit, logsumexp
 
 from ...block import Block
 from ...driven import Batch, follow_batch, require_complete
@@ -142,9 +142,7 @@ class Simulator(NamedTuple):
         return overturned, np.concatenate(peaks, axis=1) if self.needs_peaks else None
 
 
-def _select(
-    block: Block, restitution: np.ndarray, part: slice
-) -> tuple[Block, np.ndarray]:
+def _select(block: Block, restitution: np.ndarray, part: slice) -> tuple[Block, np.ndarray]:
     """Select some blocks along their axis; single numbers stay."""
     return jax.tree.map(
         lambda leaf: leaf[part] if np.ndim(leaf) else leaf, (block, restitution)
