@@ -11,6 +11,7 @@ from ...resonance import ModelLike, as_model
 from ...validation import (
     AT_LEAST_ONE,
     POSITIVE,
+    Booleans,
     Number,
     Numbers,
     as_array,
@@ -112,7 +113,7 @@ class Campaign(NamedTuple):
 
 def check_campaign(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Booleans | Numbers,
     groups: Sequence[object] | None,
     peak_rotations: Numbers | None,
     prior: PriorLike | None,
