@@ -56,7 +56,9 @@ def test_command(campaign, tmp_path, capsys):
     out = tmp_path / "out"
     code, text, err = run(capsys, "validate", campaign, *OPTIONS, "--out", out, "--json")
     assert code == 0
-    announced = r"jaxrock: simulating 80 blocks or more under 12 motions takes some 1 s\n"
+    announced = (
+        "jaxrock: simulating 80 blocks or more under 12 motions, and 4 fits, takes some 2 s\n"
+    )
     assert re.fullmatch(rf"{announced}(?:jaxrock: .*: done in \d+ s\n)*", err)
     assert {path.name for path in out.iterdir()} == FILES
     tests = read_tests(campaign)
@@ -92,3 +94,35 @@ def test_command(campaign, tmp_path, capsys):
     )
     assert np.isnan(low).sum() == 1
     assert ((low < value) & (value < high))[~np.isnan(low)].all()
+
+
+@pytest.mark.thorough
+def test_peaks_and_a_single_split(campaign, tmp_path, capsys):
+    """Peaks are scored as well, and one split has no standard deviation."""
+    lines = campaign.read_text().splitlines()
+    rows = [
+        f"{line},{'' if line.endswith('yes') else 5 + k}" for k, line in enumerate(lines[1:])
+    ]
+    path = campaign.with_name("peaks.csv")
+    path.write_text("\n".join([f"{lines[0]},peak rotation [deg]", *rows, ""]))
+    options = (
+        "--splits",
+        1,
+        "--samples",
+        64,
+        "--floor-period",
+        0.05,
+        "--out",
+        tmp_path / "out",
+    )
+    code, text, _ = run(capsys, "validate", path, *options)
+    assert code == 0
+    assert "scores for tests that were not fitted\n" in text
+    assert re.search(
+        r"peak rotations, mean: CRPS \S+ rad, distance .* \S+, its p-value \S+", text
+    )
+    population = read_table(tmp_path / "out" / "population.csv")
+    assert population["parameter"][-1] == "peak_deviation"
+    with xarray.open_dataset(tmp_path / "out" / "validation.nc") as dataset:
+        assert dataset.attrs["floor_period"] == 0.05
+        assert "crps" in dataset

@@ -27,8 +27,12 @@ _FILES = (
     "outcomes.png",
 )
 _SCORES = ("brier", "log_score", "accuracy")
-# Of a block between two samples of a motion, on a processor of 2024 [s].
+_SCORES_OF_PEAKS = ("crps", "ks_distance", "ks_p_value")
+# Times on two processors of 2024 [s]: of a block between two samples of a motion, and of a fit
+# with what each block in each test adds. They include rounds with more blocks.
 _SIMULATION_TIME = 5e-9
+_FIT_TIME = 0.6
+_FIT_TIME_OF_OUTCOME = 2e-6
 
 
 def validate(
@@ -106,7 +110,7 @@ def validate(
     with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_outcomes, plot_reliability
 
-        _announce_work(tests, samples)
+        _announce_work(tests, samples, splits)
         fitted, scores = fit_and_score(campaign, splits)
         scores = scores.assign_attrs(about)
         scores.to_netcdf(folder / "validation.nc")
@@ -117,13 +121,23 @@ def validate(
         write_csv(folder / "population.csv", population, {}, about)
         save_picture(plot_reliability(scores), folder / "reliability.png")
         save_picture(plot_outcomes(scores), folder / "outcomes.png")
-    text = "\n".join([str(tests.suite), _write_scores(summary, splits), str(fitted)])
+    lines = [str(tests.suite), _write_scores(summary, splits)]
+    of_peaks = {
+        name: float(scores[name].mean("split")) for name in _SCORES_OF_PEAKS if name in scores
+    }
+    if of_peaks:
+        lines.append(
+            f"peak rotations, mean: CRPS {of_peaks['crps']:.4g} rad, distance of Kolmogorov and"
+            f" Smirnov {of_peaks['ks_distance']:.3f}, its p-value {of_peaks['ks_p_value']:.3g}"
+        )
+    text = "\n".join([*lines, str(fitted)])
     data = {
         "tests": fitted.tests,
         "overturned": int(np.asarray(tests.overturned).sum()),
         "groups": fitted.groups,
         "blocks": scores.attrs["blocks"],
         "scores": list_rows(summary),
+        **of_peaks,
         "population": list_rows(population),
         "remarks": fitted.remarks,
     }
@@ -160,15 +174,18 @@ def _parse_prior(prior: tuple[str, ...]) -> dict[str, tuple[float, float]]:
     return known
 
 
-def _announce_work(tests: Outcomes, samples: int) -> None:
-    """Say how much will be simulated, and about how long that takes."""
+def _announce_work(tests: Outcomes, samples: int, splits: int) -> None:
+    """Say how much will be simulated and fitted, and about how long that takes."""
     # A quarter more of the blocks is drawn from the prior.
     blocks = samples + samples // 4
     points = sum(record.samples for record in tests.suite)
-    seconds = max(points * blocks * _SIMULATION_TIME, 1)
+    # All tests are fitted as well.
+    fits = splits + 1
+    seconds = points * blocks * _SIMULATION_TIME
+    seconds += fits * (_FIT_TIME + _FIT_TIME_OF_OUTCOME * blocks * len(tests.suite))
     announce(
-        f"simulating {blocks:,} blocks or more under {len(tests.suite)} motions takes some"
-        f" {seconds:.0f} s"
+        f"simulating {blocks:,} blocks or more under {len(tests.suite)} motions, and {fits}"
+        f" fits, takes some {max(seconds, 1):.0f} s"
     )
 
 

@@ -59,22 +59,20 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
     reach = [observed - low, high - observed]
     ax.errorbar(predicted, observed, reach, fmt="none", ecolor=INK, elinewidth=1, capsize=3)
     for x, y, count in zip(predicted, observed, bins.tests.values, strict=True):
-        # Beside the interval, towards the middle, where nothing is cut off.
-        side = -1 if x > 0.9 else 1
         ax.annotate(
             # By weights it need not be whole.
             f"{round(float(count), 1):g}",
             (x, y),
-            (6 * side, 0),
+            (6, 0),
             textcoords="offset points",
-            ha="right" if side < 0 else "left",
             va="center",
             fontsize="small",
             bbox=BACKDROP,
         )
     brier = scores.brier.sel(predictor="blocks").values
     ax.set_title(f"Brier score {np.nanmean(brier):.3f}{_describe_splits(brier)}")
-    ax.set(xlim=(-0.03, 1.03), ylim=(-0.03, 1.03), aspect="equal")
+    # With room for the last number.
+    ax.set(xlim=(-0.03, 1.1), ylim=(-0.03, 1.03), aspect="equal")
     ax.legend(**BESIDE, fontsize="small")
     return label_axes(
         ax,

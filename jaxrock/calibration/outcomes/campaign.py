@@ -11,7 +11,7 @@ from ...resonance import ModelLike, as_model
 from ...validation import (
     AT_LEAST_ONE,
     POSITIVE,
-    Booleans,
+    Flags,
     Number,
     Numbers,
     as_array,
@@ -113,7 +113,7 @@ class Campaign(NamedTuple):
 
 def check_campaign(
     suite: Suite,
-    overturned: Booleans | Numbers,
+    overturned: Flags,
     groups: Sequence[object] | None,
     peak_rotations: Numbers | None,
     prior: PriorLike | None,

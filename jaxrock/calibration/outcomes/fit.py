@@ -15,7 +15,7 @@ from ...host import Printed, Status, describe_status, format_table
 from ...resonance import ModelLike, Nonlinear
 from ...sensitivity import Uncertain, find_coefficients
 from ...validation import (
-    Booleans,
+    Flags,
     Integers,
     Number,
     Numbers,
@@ -291,7 +291,7 @@ def _compute_log_likelihood(
 
 def fit_outcomes(
     suite: Suite,
-    overturned: Booleans | Numbers,
+    overturned: Flags,
     *,
     prior: PriorLike | None = None,
     groups: Sequence[object] | None = None,
