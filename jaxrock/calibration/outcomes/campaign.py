@@ -11,6 +11,7 @@ from ...resonance import ModelLike, as_model
 from ...validation import (
     AT_LEAST_ONE,
     POSITIVE,
+    Flags,
     Number,
     Numbers,
     as_array,
@@ -117,7 +118,7 @@ class Campaign(NamedTuple):
 
 def check_campaign(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Flags,
     groups: Sequence[object] | None,
     peak_rotations: Numbers | None,
     prior: PriorLike | None,

@@ -9,7 +9,7 @@ from ...block import RECTANGLE_INERTIA_RATIO
 from ...ground_motion import Suite, describe_suite
 from ...host import add_names, make_dataset
 from ...resonance import ModelLike, Nonlinear
-from ...validation import Number, Numbers
+from ...validation import Flags, Number, Numbers
 from .campaign import Campaign, CampaignFit, check_campaign, fit_parts
 from .fit import OutcomeFit, make_outcome_fit
 from .intensity_rules import fit_intensity_rule, measure_tests
@@ -42,7 +42,7 @@ _SCORES = {
 
 def cross_validate(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Flags,
     groups: Sequence[object] | None = None,
     *,
     splits: int = 40,

@@ -13,7 +13,16 @@ from ...ground_motion import Record, Suite
 from ...host import Printed, Status, describe_status, format_table
 from ...resonance import ModelLike, Nonlinear
 from ...sensitivity import Uncertain, find_coefficients
-from ...validation import Integers, Number, Numbers, Reals, as_array, check_kind, is_traced
+from ...validation import (
+    Flags,
+    Integers,
+    Number,
+    Numbers,
+    Reals,
+    as_array,
+    check_kind,
+    is_traced,
+)
 from .campaign import Campaign, CampaignFit, check_campaign, fit_parts
 from .likelihood import (
     Points,
@@ -289,7 +298,7 @@ def _compute_log_likelihood(
 
 def fit_outcomes(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Flags,
     *,
     prior: PriorLike | None = None,
     groups: Sequence[object] | None = None,
