@@ -11,10 +11,12 @@ from ...resonance import ModelLike, as_model
 from ...validation import (
     AT_LEAST_ONE,
     POSITIVE,
+    Domain,
     Flags,
     Number,
     Numbers,
     as_array,
+    as_flag,
     as_real,
     check,
     check_kind,
@@ -24,7 +26,7 @@ from ..least_squares import check_concrete
 from .likelihood import TestData
 from .posterior import Posterior, sample_posterior
 from .prior import Prior, PriorLike, make_prior
-from .sample import PEAK_FLOOR, BlockSample, Component, Simulator, draw_sample
+from .sample import PEAK_FLOOR, BlockSample, NormalComponent, Simulator, draw_sample
 from .search import (
     Searched,
     compute_covariance,
@@ -80,7 +82,7 @@ class Campaign(NamedTuple):
 
     @property
     def grouped(self) -> bool:
-        """Whether the tests of a group can be told from those of others."""
+        """True where a deviation of groups can be told from that of tests."""
         return 1 < len(self.groups) < len(self.overturned)
 
     def make_data(self, sample: BlockSample) -> TestData:
@@ -173,12 +175,10 @@ def check_campaign(
         )
     if type(seed) is not int or seed < 0:
         raise ValueError(f"seed must be a whole number from 0 on, got {seed!r:.60}")
-    check("gravity", as_real("gravity", gravity, unit="m/s2"), POSITIVE)
-    check("inertia_ratio", as_real("inertia_ratio", inertia_ratio, unit=""), AT_LEAST_ONE)
     simulator = Simulator(
-        gravity=float(gravity),
-        inertia_ratio=float(inertia_ratio),
-        one_sided=bool(one_sided),
+        gravity=_to_single("gravity", gravity, "m/s2", POSITIVE),
+        inertia_ratio=_to_single("inertia_ratio", inertia_ratio, "", AT_LEAST_ONE),
+        one_sided=as_flag("one_sided", one_sided),
         model=as_model(model),
         needs_peaks=peaks is not None,
     )
@@ -194,6 +194,15 @@ def _choose_samples(tests: int) -> int:
     while samples > least and samples * tests > _USUAL_MOTIONS:
         samples //= 2
     return samples
+
+
+def _to_single(name: str, value: object, unit: str, domain: Domain) -> float:
+    """Convert to a single number that is allowed."""
+    number = as_real(name, value, unit=unit)
+    if number.shape:
+        raise ValueError(f"{name} must be a single number, got {describe(value)}")
+    check(name, number, domain)
+    return float(number)
 
 
 def _check_groups(
@@ -245,8 +254,12 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
     parts : sequence of ndarray of bool, shape (tests,)
         Which tests count.
     """
-    simulator, prior, seed = campaign.simulator, campaign.prior, campaign.seed
-    widest = Component(prior.mean[:3], np.diag(prior.width[:3]), 0.0)
+    simulator = campaign.simulator
+    prior = campaign.prior
+    seed = campaign.seed
+    widest = NormalComponent(
+        np.asarray(prior.mean[:3]), np.diag(np.asarray(prior.width[:3])), 0.0
+    )
     first_stage = campaign.samples // _FIRST_STAGE
     sample = draw_sample(simulator, campaign.suite, [widest], first_stage, seed)
     searched, data = _search_parts(campaign, sample, parts)

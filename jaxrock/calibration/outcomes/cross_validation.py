@@ -10,8 +10,9 @@ from ...ground_motion import Suite, describe_suite
 from ...host import add_names, make_dataset
 from ...resonance import ModelLike, Nonlinear
 from ...validation import Flags, Number, Numbers
+from .answer import OutcomeFit
 from .campaign import Campaign, CampaignFit, check_campaign, fit_parts
-from .fit import OutcomeFit, make_outcome_fit
+from .fit import make_outcome_fit
 from .intensity_rules import fit_intensity_rule, measure_tests
 from .likelihood import average_weights, compute_probability
 from .population import unpack_population
