@@ -292,7 +292,8 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
         seed,
         grouped=campaign.grouped,
     )
-    return CampaignFit(sample, data, searched, posterior, effective[0])
+    effective_blocks = count_effective_blocks(searched[0], sample.points)
+    return CampaignFit(sample, data, searched, posterior, effective_blocks)
 
 
 def _search_parts(

@@ -128,7 +128,7 @@ def _compute_log_mixture(
         power = 0.5 * (_FREEDOM + mean.size)
         log_volume = np.log(np.diagonal(factor)).sum()
         terms.append(-power * np.log1p(squares / _FREEDOM) - log_volume)
-    return logsumexp(terms, axis=0)
+    return np.asarray(logsumexp(terms, axis=0))
 
 
 def _compute_moments(free: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
