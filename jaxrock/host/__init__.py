@@ -1,5 +1,6 @@
 """The machine outside: files, threads, progress, printing of results and of their status."""
 
+from .datasets import Labelled as Labelled
 from .datasets import add_names as add_names
 from .datasets import make_dataset as make_dataset
 from .extras import find_optional as find_optional

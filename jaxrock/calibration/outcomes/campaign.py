@@ -11,9 +11,12 @@ from ...resonance import ModelLike, as_model
 from ...validation import (
     AT_LEAST_ONE,
     POSITIVE,
+    Domain,
+    Flags,
     Number,
     Numbers,
     as_array,
+    as_flag,
     as_real,
     check,
     check_kind,
@@ -21,8 +24,9 @@ from ...validation import (
 )
 from ..least_squares import check_concrete
 from .likelihood import TestData
+from .posterior import Posterior, sample_posterior
 from .prior import Prior, PriorLike, make_prior
-from .sample import PEAK_FLOOR, BlockSample, Component, Simulator, draw_sample
+from .sample import PEAK_FLOOR, BlockSample, NormalComponent, Simulator, draw_sample
 from .search import (
     Searched,
     compute_covariance,
@@ -40,6 +44,10 @@ _MOST_ROUNDS = 4
 # program.
 _LEAST_ROOM = 64
 _LEAST_SAMPLES = 64  # with fewer the first stage is none
+# By default so many motions of blocks of the second stage: some 15 s on two processors. The
+# fewer the tests, the more a fit hangs on single blocks.
+_USUAL_MOTIONS = 2**20
+_USUAL_SAMPLES = (2048, 8192)  # at least, at most
 
 
 class Campaign(NamedTuple):
@@ -74,7 +82,7 @@ class Campaign(NamedTuple):
 
     @property
     def grouped(self) -> bool:
-        """Whether the tests of a group can be told from those of others."""
+        """True where a deviation of groups can be told from that of tests."""
         return 1 < len(self.groups) < len(self.overturned)
 
     def make_data(self, sample: BlockSample) -> TestData:
@@ -112,11 +120,11 @@ class Campaign(NamedTuple):
 
 def check_campaign(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Flags,
     groups: Sequence[object] | None,
     peak_rotations: Numbers | None,
     prior: PriorLike | None,
-    samples: int,
+    samples: int | None,
     seed: int,
     model: ModelLike,
     gravity: Number,
@@ -159,24 +167,42 @@ def check_campaign(
             )
         # A block that overturned has none: it would be that of the floor.
         peaks = np.where(outcomes, np.nan, peaks)
+    if samples is None:
+        samples = _choose_samples(number)
     if type(samples) is not int or samples < _LEAST_SAMPLES or samples & (samples - 1):
         raise ValueError(
             f"samples must be a power of 2 from {_LEAST_SAMPLES} on, got {samples!r:.60}"
         )
     if type(seed) is not int or seed < 0:
         raise ValueError(f"seed must be a whole number from 0 on, got {seed!r:.60}")
-    check("gravity", as_real("gravity", gravity, unit="m/s2"), POSITIVE)
-    check("inertia_ratio", as_real("inertia_ratio", inertia_ratio, unit=""), AT_LEAST_ONE)
     simulator = Simulator(
-        gravity=float(gravity),
-        inertia_ratio=float(inertia_ratio),
-        one_sided=bool(one_sided),
+        gravity=_to_single("gravity", gravity, "m/s2", POSITIVE),
+        inertia_ratio=_to_single("inertia_ratio", inertia_ratio, "", AT_LEAST_ONE),
+        one_sided=as_flag("one_sided", one_sided),
         model=as_model(model),
         needs_peaks=peaks is not None,
     )
     return Campaign(
         suite, outcomes, names, places, peaks, simulator, make_prior(prior), samples, seed
     )
+
+
+def _choose_samples(tests: int) -> int:
+    """Choose how many blocks the sample has, a power of 2."""
+    least, most = _USUAL_SAMPLES
+    samples = most
+    while samples > least and samples * tests > _USUAL_MOTIONS:
+        samples //= 2
+    return samples
+
+
+def _to_single(name: str, value: object, unit: str, domain: Domain) -> float:
+    """Convert to a single number that is allowed."""
+    number = as_real(name, value, unit=unit)
+    if number.shape:
+        raise ValueError(f"{name} must be a single number, got {describe(value)}")
+    check(name, number, domain)
+    return float(number)
 
 
 def _check_groups(
@@ -202,8 +228,8 @@ class CampaignFit(NamedTuple):
     data : TestData
     searched : list of Searched
         For each part.
-    covariance : ndarray, shape (12, 12)
-        Of the free numbers of the first.
+    posterior : Posterior
+        Of the first part.
     effective_blocks : float
         Blocks on which probabilities by the first rest.
     """
@@ -211,7 +237,7 @@ class CampaignFit(NamedTuple):
     sample: BlockSample
     data: TestData
     searched: list[Searched]
-    covariance: np.ndarray
+    posterior: Posterior
     effective_blocks: float
 
 
@@ -228,8 +254,12 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
     parts : sequence of ndarray of bool, shape (tests,)
         Which tests count.
     """
-    simulator, prior, seed = campaign.simulator, campaign.prior, campaign.seed
-    widest = Component(prior.mean[:3], np.diag(prior.width[:3]), 0.0)
+    simulator = campaign.simulator
+    prior = campaign.prior
+    seed = campaign.seed
+    widest = NormalComponent(
+        np.asarray(prior.mean[:3]), np.diag(np.asarray(prior.width[:3])), 0.0
+    )
     first_stage = campaign.samples // _FIRST_STAGE
     sample = draw_sample(simulator, campaign.suite, [widest], first_stage, seed)
     searched, data = _search_parts(campaign, sample, parts)
@@ -252,8 +282,18 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
         if not poor:
             break
         number = first_stage
-    covariance = _compute_covariance(campaign, sample, data, searched[0], parts[0])
-    return CampaignFit(sample, data, searched, covariance, effective[0])
+    posterior = sample_posterior(
+        searched[0],
+        _compute_covariance(campaign, sample, data, searched[0], parts[0]),
+        prior,
+        sample.points,
+        data,
+        campaign.pad(parts[0]),
+        seed,
+        grouped=campaign.grouped,
+    )
+    effective_blocks = count_effective_blocks(searched[0], sample.points)
+    return CampaignFit(sample, data, searched, posterior, effective_blocks)
 
 
 def _search_parts(

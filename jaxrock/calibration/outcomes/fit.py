@@ -1,293 +1,30 @@
 """Blocks from tests that overturned or stood: the population that explains them best."""
 
-import functools
 from collections.abc import Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import ndtri
 
 from ...block import RECTANGLE_INERTIA_RATIO, Block
-from ...ground_motion import Record, Suite
-from ...host import Printed, Status, describe_status, format_table
+from ...ground_motion import Suite
+from ...host import Status
 from ...resonance import ModelLike, Nonlinear
-from ...sensitivity import Uncertain, find_coefficients
-from ...validation import Integers, Number, Numbers, Reals, as_array, check_kind, is_traced
+from ...validation import Flags, Number, Numbers, as_array
+from .answer import OutcomeFit
 from .campaign import Campaign, CampaignFit, check_campaign, fit_parts
-from .likelihood import (
-    Points,
-    TestData,
-    compute_log_likelihood,
-    compute_probability,
-)
-from .population import FREE_NAMES, NAMES, PAIRS, Population, unpack_population
+from .population import unpack_population
 from .prior import PriorLike
-from .sample import Simulator
-
-# Fraction of the prior variance of a median: more left says that the tests do not decide it.
-_UNDECIDED = 0.5
-# From here on a lower end of the lapse is worth a remark, and so is a spread of blocks.
-_HIGH_LAPSE = 0.05
-_FEW_TESTS = 10
-_FEW_BLOCKS = 50
-_SAMPLES_OF_UNCERTAIN = 256
-_UNITS = {"critical_angle": "rad", "frequency_parameter": "1/s"}
-
-
-class OutcomeFit(Printed, eqx.Module):
-    """A population of blocks fitted to tests that overturned or stood; see `fit_outcomes`.
-
-    Attributes
-    ----------
-    population : Population
-        Medians, deviations, correlations, lapse: the mode of the posterior.
-    block, restitution : Block, Array
-        The medians, ready for everything else.
-    free, covariance : Array, shape (12,), (12, 12)
-        Logarithms, logits and the like of the numbers of the population, and their covariance
-        by the curvature of the posterior at its mode.
-    prior_mean, prior_width : Array, shape (12,)
-        Their means and standard deviations before the tests.
-    points : Points
-        The sample of blocks.
-    data : TestData
-        What the blocks of the sample do in the tests, padded.
-    counts : Array
-        1 for the tests, 0 for the padding.
-    effective_blocks : Array
-        Blocks of the sample on which probabilities rest: 1 over the sum of squared weights.
-    groups : int
-        Number of groups of tests.
-    status : Array of int
-        A `jaxrock.Status`: COMPLETE, or NOT_CONVERGED.
-    """
-
-    population: Population
-    block: Block
-    restitution: Reals
-    free: Reals
-    covariance: Reals
-    prior_mean: Reals
-    prior_width: Reals
-    points: Points
-    data: TestData
-    counts: Reals
-    effective_blocks: Reals
-    status: Integers
-    groups: int = eqx.field(static=True)
-    grouped: bool = eqx.field(static=True)
-    simulator: Simulator = eqx.field(static=True)
-
-    @property
-    def tests(self) -> int:
-        """Number of tests."""
-        return int(np.asarray(self.counts).sum())
-
-    @property
-    def uncertain(self) -> Uncertain:
-        """What a block of another test is like, for fragilities, rates and inventories.
-
-        Without the lapse. The deviation of groups is part of that of the critical angle.
-
-        Raises
-        ------
-        ValueError
-            If the restitution is so uncertain that its density has two peaks.
-        """
-        population = jax.tree.map(lambda leaf: np.asarray(leaf, float), self.population)
-        within = population.deviations
-        total = np.hypot(within, [population.group_deviation, 0.0, 0.0])
-        medians = [float(getattr(population, name)) for name in NAMES]
-        coefficients = find_coefficients(NAMES, medians, total)
-        # A deviation of groups adds to the variance of one, and nothing to covariances.
-        kept = within / total
-        correlations = {
-            (NAMES[k], NAMES[m]): float(r * kept[k] * kept[m])
-            for (k, m), r in zip(PAIRS, population.correlations, strict=True)
-        }
-        return Uncertain(
-            dict(zip(NAMES, coefficients.tolist(), strict=True)),
-            correlations=correlations,
-            samples=_SAMPLES_OF_UNCERTAIN,
-        )
-
-    def compute_intervals(self, confidence: float = 0.9) -> dict[str, tuple[float, float]]:
-        """Compute intervals of the numbers of the population, by name.
-
-        Parameters
-        ----------
-        confidence : float
-            Between 0 and 1.
-
-        Returns
-        -------
-        dict of tuple of float
-            Both ends, as medians and deviations are given in `Population`. Correlations are
-            partial ones: the last is that at a given critical angle.
-        """
-        if not isinstance(confidence, float | int) or not 0 < confidence < 1:
-            raise ValueError(
-                f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
-            )
-        free = np.asarray(self.free, float)
-        deviation = np.sqrt(np.diagonal(np.asarray(self.covariance, float)))
-        half = float(ndtri(0.5 + 0.5 * confidence)) * deviation
-        ends = [_list_numbers(free - half), _list_numbers(free + half)]
-        return {
-            name: (float(low), float(high))
-            for name, low, high in zip(FREE_NAMES, *ends, strict=True)
-        }
-
-    @property
-    def undecided(self) -> tuple[str, ...]:
-        """Names of medians of which the tests leave most as the prior has it."""
-        variance = np.diagonal(np.asarray(self.covariance, float))[: len(NAMES)]
-        left = variance / np.asarray(self.prior_width, float)[: len(NAMES)] ** 2
-        return tuple(name for name, part in zip(NAMES, left, strict=True) if part > _UNDECIDED)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences to know before the numbers are used."""
-        sentences = []
-        status = describe_status(self.status)
-        if status:
-            sentences.append(status)
-        overturned = int((np.asarray(self.data.overturned) * np.asarray(self.counts)).sum())
-        if self.tests < _FEW_TESTS:
-            sentences.append(
-                f"there are {self.tests} tests only: most of the answer is the prior"
-                if self.tests > 1
-                else "there is one test only: most of the answer is the prior"
-            )
-        if overturned in (0, self.tests):
-            what = "all tests overturned" if overturned else "no test overturned"
-            sentences.append(f"{what}: they bound the population from one side only")
-        if self.undecided:
-            names = " and ".join(name.replace("_", " ") for name in self.undecided)
-            sentences.append(f"the tests hardly decide the {names}")
-        lapse = self.compute_intervals()["lapse"][0]
-        if lapse > _HIGH_LAPSE:
-            sentences.append(
-                f"at least {lapse:.0%} of the outcomes are of no block of the population: check"
-                " outcomes and motions"
-            )
-        if float(self.effective_blocks) < _FEW_BLOCKS:
-            sentences.append(
-                f"probabilities rest on {float(self.effective_blocks):.0f} blocks: take more"
-                " samples"
-            )
-        return tuple(sentences)
-
-    def __str__(self) -> str:
-        overturned = int((np.asarray(self.data.overturned) * np.asarray(self.counts)).sum())
-        in_groups = f" in {self.groups} groups" if self.grouped else ""
-        head = f"{self.tests} tests{in_groups}, {overturned} overturned; with 90 % intervals"
-        intervals = self.compute_intervals()
-        values = _list_numbers(np.asarray(self.free, float))
-        shown = [
-            k
-            for k, name in enumerate(FREE_NAMES)
-            if not name.startswith("correlation")
-            and (self.grouped or name != "group_deviation")
-            and (self.data.log_peak is not None or name != "peak_deviation")
-        ]
-        names = []
-        for k in shown:
-            name = FREE_NAMES[k]
-            unit = f" [{_UNITS[name]}]" if name in _UNITS else ""
-            words = name.replace("_", " ")
-            if name.endswith("_deviation") and name.removesuffix("_deviation") in NAMES:
-                of = "logit" if name.startswith("restitution") else "log"
-                words = (
-                    f"deviation of {of} {name.removesuffix('_deviation').replace('_', ' ')}"
-                )
-            names.append(words + unit)
-        table = format_table(
-            head,
-            names,
-            value=[values[k] for k in shown],
-            low=[intervals[FREE_NAMES[k]][0] for k in shown],
-            high=[intervals[FREE_NAMES[k]][1] for k in shown],
-        )
-        return "\n".join([table, *self.remarks])
-
-    def probability(
-        self, motions: Suite | Record, population: Population | None = None
-    ) -> Reals:
-        """Compute the probability that a test under each motion overturns.
-
-        The block of the test is another one of the population, its group is not known, and
-        lapses count.
-
-        Parameters
-        ----------
-        motions : Suite or Record
-            Concrete.
-        population : Population, optional
-            Another one than that fitted, near to it. This may be traced: the outcomes of the
-            sample stay, its weights are differentiated.
-
-        Returns
-        -------
-        Array, shape (records,)
-            Or () for a single record [-].
-
-        Raises
-        ------
-        ValueError
-            If motions are traced, or an integration does not finish.
-        """
-        single = isinstance(motions, Record)
-        suite = Suite([motions]) if isinstance(motions, Record) else motions
-        check_kind("motions", suite, Suite)
-        if is_traced(suite):
-            raise ValueError("motions must be concrete here: outcomes have no derivatives")
-        coordinates = np.asarray(self.points.coordinates, float)
-        overturned, _ = self.simulator.simulate(coordinates, suite)
-        outcomes = jnp.asarray(overturned, self.points.coordinates.dtype)
-        chosen = self.population if population is None else population
-        probability = _compute_probability(chosen, self.points, outcomes)
-        return probability[0] if single else probability
-
-    def log_likelihood(self, population: Population | None = None) -> Reals:
-        """Compute the logarithm of the likelihood of the tests, by any population near.
-
-        Parameters
-        ----------
-        population : Population, optional
-            That fitted by default. It may be traced.
-
-        Returns
-        -------
-        Array, shape ()
-        """
-        chosen = self.population if population is None else population
-        return _compute_log_likelihood(
-            chosen, self.points, self.data, self.counts, self.grouped
-        )
-
-
-_compute_probability = jax.jit(compute_probability)
-
-
-@functools.partial(jax.jit, static_argnums=4)
-def _compute_log_likelihood(
-    population: Population, points: Points, data: TestData, counts: Reals, grouped: bool
-) -> Reals:
-    """Compute the logarithm of the likelihood in one program."""
-    return compute_log_likelihood(population, points, data, counts, grouped=grouped)
 
 
 def fit_outcomes(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Flags,
     *,
     prior: PriorLike | None = None,
     groups: Sequence[object] | None = None,
     peak_rotations: Numbers | None = None,
-    samples: int = 2048,
+    samples: int | None = None,
     seed: int = 0,
     model: ModelLike = Nonlinear(),
     gravity: Number = 9.81,
@@ -319,9 +56,9 @@ def fit_outcomes(
     peak_rotations : array_like, shape (tests,), optional
         Measured peak rotations [rad]; NaN where unknown. Those of blocks that overturned are
         left out.
-    samples : int
+    samples : int, optional
         Blocks of the sample, a power of 2 from 64 on; a quarter more is drawn from the prior,
-        and more where few have weight.
+        and more where few have weight. By default 8,192 for up to 128 tests, 2,048 from 512 on.
     seed : int
         Of the Sobol points.
     model : Nonlinear or Linearized, or their names
@@ -396,7 +133,9 @@ def make_outcome_fit(campaign: Campaign, fitted: CampaignFit) -> OutcomeFit:
         block=block,
         restitution=population.restitution,
         free=searched.free,
-        covariance=as_array(fitted.covariance),
+        covariance=as_array(fitted.posterior.covariance),
+        draws=as_array(fitted.posterior.free),
+        draw_weights=as_array(fitted.posterior.weights),
         prior_mean=as_array(campaign.prior.mean),
         prior_width=as_array(campaign.prior.width),
         points=fitted.sample.points,
@@ -409,13 +148,4 @@ def make_outcome_fit(campaign: Campaign, fitted: CampaignFit) -> OutcomeFit:
         groups=len(campaign.groups),
         grouped=campaign.grouped,
         simulator=simulator,
-    )
-
-
-def _list_numbers(free: np.ndarray) -> np.ndarray:
-    """List the numbers of a population in the order of `FREE_NAMES`; partial correlations."""
-    medians = [*np.exp(free[:2]), 1 / (1 + np.exp(-free[2]))]
-    lapse = 1 / (1 + np.exp(-free[9]))
-    return np.array(
-        [*medians, *np.exp(free[3:6]), *np.tanh(free[6:9]), lapse, *np.exp(free[10:])]
     )

@@ -1,4 +1,4 @@
-"""What is known of a population before its tests: medians by other means, usual deviations."""
+"""A population before its tests: medians known by other means, usual deviations."""
 
 import math
 from collections.abc import Mapping
@@ -13,6 +13,7 @@ from ...validation import (
     POSITIVE,
     RIGHT_ANGLE,
     UNIT_INTERVAL,
+    AnyArray,
     as_real,
     check,
     describe,
@@ -51,12 +52,12 @@ class Prior(NamedTuple):
 
     Attributes
     ----------
-    mean, width : ndarray, shape (12,)
+    mean, width : ndarray or Array, shape (12,)
         In the order of `pack_population`.
     """
 
-    mean: np.ndarray
-    width: np.ndarray
+    mean: AnyArray
+    width: AnyArray
 
 
 def make_prior(prior: PriorLike | None) -> Prior:

@@ -30,7 +30,7 @@ _LARGEST_ANGLE = 1.2
 PEAK_FLOOR = 1e-4
 
 
-class Component(NamedTuple):
+class NormalComponent(NamedTuple):
     """A normal distribution of coordinates that points are drawn from, and how many are.
 
     Attributes
@@ -53,7 +53,7 @@ class BlockSample(NamedTuple):
     Attributes
     ----------
     coordinates : ndarray, shape (blocks, 3)
-    components : tuple of Component
+    components : tuple of NormalComponent
         Where they were drawn from.
     overturned : ndarray of bool, shape (tests, blocks)
     peaks : ndarray of float32, shape (tests, blocks), or None
@@ -61,7 +61,7 @@ class BlockSample(NamedTuple):
     """
 
     coordinates: np.ndarray
-    components: tuple[Component, ...]
+    components: tuple[NormalComponent, ...]
     overturned: np.ndarray
     peaks: np.ndarray | None
 
@@ -75,7 +75,7 @@ class BlockSample(NamedTuple):
 
 
 class Simulator(NamedTuple):
-    """What a block needs beside its coordinates to be simulated in the tests.
+    """A way to simulate blocks of any coordinates.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ def _select(block: Block, restitution: np.ndarray, part: slice) -> tuple[Block, 
 def draw_sample(
     simulator: Simulator,
     suite: Suite,
-    components: Sequence[Component],
+    components: Sequence[NormalComponent],
     number: int,
     seed: int,
     before: BlockSample | None = None,
@@ -164,7 +164,7 @@ def draw_sample(
     simulator : Simulator
     suite : Suite
         The motions of the tests.
-    components : sequence of Component
+    components : sequence of NormalComponent
         Their numbers are replaced by those that are drawn.
     number : int
         Points, a power of 2.
@@ -185,16 +185,18 @@ def draw_sample(
     )
     if before is None:
         return BlockSample(coordinates, counted, overturned, peaks)
+    if peaks is not None and before.peaks is not None:
+        peaks = np.concatenate([before.peaks, peaks], axis=1)
     return BlockSample(
         np.concatenate([before.coordinates, coordinates]),
         (*before.components, *counted),
         np.concatenate([before.overturned, overturned], axis=1),
-        None if peaks is None else np.concatenate([before.peaks, peaks], axis=1),
+        peaks,
     )
 
 
 def _compute_log_density(
-    coordinates: np.ndarray, components: Sequence[Component]
+    coordinates: np.ndarray, components: Sequence[NormalComponent]
 ) -> np.ndarray:
     """Compute the logarithm of the density of a mixture, up to a constant, (blocks,)."""
     terms = []
@@ -203,4 +205,4 @@ def _compute_log_density(
         log_volume = np.log(np.diagonal(component.factor)).sum()
         log_factor = np.log(component.number) - log_volume
         terms.append(log_factor - 0.5 * np.sum(standard**2, axis=0))
-    return logsumexp(terms, axis=0)
+    return np.asarray(logsumexp(terms, axis=0))

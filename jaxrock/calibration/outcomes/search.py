@@ -13,7 +13,7 @@ from ...validation import Booleans, Integers, Reals
 from .likelihood import Points, TestData, average_weights, compute_log_likelihood
 from .population import to_normal, unpack_population
 from .prior import Prior
-from .sample import Component
+from .sample import NormalComponent
 
 _MOST_STEPS = 200
 # Length of the gradient, in standard deviations of the prior, at which a search has arrived: a
@@ -49,7 +49,7 @@ class Searched(NamedTuple):
     steps: Integers
 
 
-class _State(NamedTuple):
+class _SearchState(NamedTuple):
     """A search under way; `length` is that of the gradient."""
 
     standard: Reals
@@ -58,7 +58,7 @@ class _State(NamedTuple):
     steps: Integers
 
 
-def _compute_loss(
+def compute_loss(
     standard: Reals,
     prior: Prior,
     points: Points,
@@ -67,7 +67,7 @@ def _compute_loss(
     grouped: bool,
 ) -> Reals:
     """Compute minus the logarithm of the posterior, of numbers in deviations of the prior."""
-    population = unpack_population(prior.mean + prior.width * standard)
+    population = unpack_population(jnp.asarray(prior.mean + prior.width * standard))
     fit = compute_log_likelihood(population, points, data, counts, grouped=grouped)
     return 0.5 * jnp.sum(standard**2) - fit
 
@@ -82,13 +82,13 @@ def _search(
     """
     import optax  # which only this needs
 
-    def compute_loss(standard: Reals) -> Reals:
-        return _compute_loss(standard, prior, points, data, counts, grouped)
+    def compute_value(standard: Reals) -> Reals:
+        return compute_loss(standard, prior, points, data, counts, grouped)
 
     optimizer = optax.lbfgs()
-    compute_both = optax.value_and_grad_from_state(compute_loss)
+    compute_both = optax.value_and_grad_from_state(compute_value)
 
-    def advance(state: _State) -> _State:
+    def advance(state: _SearchState) -> _SearchState:
         """Go one step."""
         value, gradient = compute_both(state.standard, state=state.optimizer)
         update, optimizer_state = optimizer.update(
@@ -97,22 +97,26 @@ def _search(
             state.standard,
             value=value,
             grad=gradient,
-            value_fn=compute_loss,
+            value_fn=compute_value,
         )
-        length = jnp.sqrt(jnp.sum(gradient**2))
-        return _State(state.standard + update, optimizer_state, length, state.steps + 1)
+        return _SearchState(
+            standard=jnp.asarray(optax.apply_updates(state.standard, update)),
+            optimizer=optimizer_state,
+            length=optax.global_norm(gradient),
+            steps=state.steps + 1,
+        )
 
-    def goes_on(state: _State) -> Booleans:
+    def goes_on(state: _SearchState) -> Booleans:
         """Return whether the search has not arrived."""
         return (state.length > _ARRIVED) & (state.steps < _MOST_STEPS)
 
     standard = (start - prior.mean) / prior.width
     infinite = jnp.asarray(jnp.inf, standard.dtype)
-    first = _State(standard, optimizer.init(standard), infinite, jnp.asarray(0))
+    first = _SearchState(standard, optimizer.init(standard), infinite, jnp.asarray(0))
     last = jax.lax.while_loop(goes_on, advance, first)
     return Searched(
-        free=prior.mean + prior.width * last.standard,
-        loss=compute_loss(last.standard),
+        free=jnp.asarray(prior.mean + prior.width * last.standard),
+        loss=compute_value(last.standard),
         converged=last.length <= _ARRIVED,
         steps=last.steps,
     )
@@ -124,7 +128,7 @@ def _compute_curvature(
 ) -> Reals:
     """Compute second derivatives of the loss, of numbers in deviations of the prior."""
     standard = (free - prior.mean) / prior.width
-    return jax.hessian(_compute_loss)(standard, prior, points, data, counts, grouped)
+    return jax.hessian(compute_loss)(standard, prior, points, data, counts, grouped)
 
 
 def search_population(
@@ -202,17 +206,18 @@ def _choose_starts(
     standard = (points.coordinates - prior.mean[:3]) / prior.width[:3]
     log_prior = -0.5 * jnp.sum(standard**2, axis=1) - points.log_density
     starts = []
+    mean = jnp.asarray(prior.mean)
     for power in _START_POWERS:
         weights = jax.nn.softmax(power * of_blocks + log_prior)
-        starts.append(prior.mean.at[:3].set(weights @ points.coordinates))
+        starts.append(mean.at[:3].set(weights @ points.coordinates))
     return starts
 
 
-def propose_blocks(searched: Searched, covariance: np.ndarray) -> Component:
+def propose_blocks(searched: Searched, covariance: np.ndarray) -> NormalComponent:
     """Propose where to draw the blocks that a population needs, and its neighbours."""
     free = np.asarray(searched.free, float)
     population = unpack_population(searched.free)
     factor = np.asarray(to_normal(population).factor, float)
     proposed = factor @ factor.T + covariance[:3, :3]
     proposed[0, 0] += float(population.group_deviation) ** 2
-    return Component(free[:3], np.linalg.cholesky(_WIDER**2 * proposed), 0.0)
+    return NormalComponent(free[:3], np.linalg.cholesky(_WIDER**2 * proposed), 0.0)
