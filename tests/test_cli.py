@@ -95,6 +95,10 @@ def write_inputs(folder):
         "name,width [m],height [m],one-sided,floor period [s]\nfacade,0.4,4,yes,0.3\n"
     )
     (folder / "hazard.csv").write_text("pgv [m/s],rate [1/yr]\n0.1,2e-2\n1,1e-4\n")
+    (folder / "motion.csv").write_text("time [s],acc [g]\n0,0\n0.2,0.4\n0.4,-0.4\n0.6,0\n")
+    (folder / "tests.csv").write_text(
+        "file,scale,overturned\nmotion.csv,1,no\nmotion.csv,2,yes\n"
+    )
     (folder / "times.csv").write_text("0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n")
 
 
@@ -641,6 +645,7 @@ WRITING = {
     "sensitivity of a driven answer": ("driven_sensitivity", SINE_PULSE),
     "harmonic": ("harmonic", ()),
     "fit": ("fit", ("times.csv",)),
+    "validate": ("validate", ("tests.csv",)),
     "tradeoff": ("tradeoff", ()),
     "paper": ("paper", ()),
 }
@@ -730,6 +735,26 @@ CALLS = {
         "--pulse sine --amplitude 3 --pulse-duration 0.5 --model linearized",
         "jaxrock.driven.respond",
         {"model": "linearized"},
+    ),
+    "validate": (
+        "tests.csv --seed 3 --samples 128 --model linearized --one-sided --gravity 9.8"
+        " --prior critical_angle=0.2:0.1 restitution=0.8:0.05 --inertia-ratio 1.2",
+        "jaxrock.cli.validate.check_campaign",
+        {
+            "seed": 3,
+            "samples": 128,
+            "model": "linearized",
+            "one_sided": True,
+            "prior": {"critical_angle": (0.2, 0.1), "restitution": (0.8, 0.05)},
+            "peak_rotations": None,
+            "gravity": 9.8,
+            "inertia_ratio": 1.2,
+        },
+    ),
+    "validate a block of a size": (
+        "tests.csv --width 0.2 --height 1",
+        "jaxrock.cli.validate.check_campaign",
+        {"prior": jr.Block(0.1, 5.0), "one_sided": False, "gravity": 9.81},
     ),
     "inventory": (
         "objects.csv --hazard hazard.csv --target 1e-4 --model linearized",

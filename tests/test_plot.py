@@ -30,8 +30,10 @@ from jaxrock.plot import (
     plot_harmonic,
     plot_inventory,
     plot_outcome_probabilities,
+    plot_outcomes,
     plot_overturning_map,
     plot_phase,
+    plot_reliability,
     plot_resonance,
     plot_response,
     plot_rocking_spectrum,
@@ -154,8 +156,10 @@ def calls(spectrum, response, boundaries, bars, curves, probabilities):
             lambda ax: plot_outcome_probabilities(probabilities, ax),
             3,
         ),
+        plot_outcomes: (lambda ax: plot_outcomes(scores(), ax), 3),
         plot_overturning_map: (lambda ax: plot_overturning_map(boundaries, ax), 4),
         plot_phase: (lambda ax: plot_phase(response, ax), 2),
+        plot_reliability: (lambda ax: plot_reliability(scores(), ax), 2),
         plot_resonance: (lambda ax: plot_resonance(WALL, ax=ax), 1),
         plot_response: (lambda ax: plot_response(response, ax), 2),
         plot_sensitivity_map: (lambda ax: plot_sensitivity_map(SLOPES, ax), 1),
@@ -163,6 +167,27 @@ def calls(spectrum, response, boundaries, bars, curves, probabilities):
         plot_tornado: (lambda ax: plot_tornado(bars, ax, "rotation ratio [-]"), 2),
         plot_tradeoff: (lambda ax: plot_tradeoff(table, ax), 3),
     }
+
+
+def scores():
+    """As of `cross_validate`: four tests, one of which no split has predicted, in three bins."""
+    probability = [[0.1, 0.75, 0.95, np.nan], [0.5, 0.4, 0.6, 0.7]]
+    return xarray.Dataset(
+        {
+            "brier": (("predictor", "split"), [[0.04, 0.06, np.nan], [0.2, 0.2, 0.2]]),
+            "probability": (("predictor", "test"), probability),
+            "overturned": ("test", np.array([0, 0, 1, 1], np.int8)),
+            "pgv": ("test", [0.1, 0.5, 2.0, 1.0]),
+            "pga": ("test", [1.0, 9.0, 8.0, 5.0]),
+            "predicted": ("bin", [0.1, np.nan, 0.85]),
+            "observed": ("bin", [0.0, np.nan, 0.5]),
+            "observed_low": ("bin", [0.0, np.nan, 0.03]),
+            "observed_high": ("bin", [0.95, np.nan, 0.97]),
+            "tests": ("bin", [1, 0, 2]),
+        },
+        {"predictor": ["blocks", "pgv"]},
+        {"confidence": 0.9},
+    )
 
 
 def museum():
@@ -686,3 +711,38 @@ def test_tradeoff():
     assert texts[::8] == ["100,000,000 at once", "one at a time"]
     ring = ax.get_lines()[-1]
     assert (ring.get_xdata().item(), ring.get_ydata().item()) == (1e-7, 1e-2)
+
+
+def test_reliability():
+    ax = plot_reliability(scores())
+    diagonal, marks = ax.lines[:2]
+    np.testing.assert_array_equal(diagonal.get_xydata(), [[0, 0], [1, 1]])
+    # A bin without tests has no mark.
+    np.testing.assert_array_equal(marks.get_xydata(), [[0.1, 0.0], [0.85, 0.5]])
+    (intervals,) = ax.collections
+    ends = [[[0.1, 0], [0.1, 0.95]], [[0.85, 0.03], [0.85, 0.97]]]
+    np.testing.assert_allclose(intervals.get_segments(), ends)
+    assert [text.get_text() for text in ax.texts] == ["1", "2"]
+    # Mean and standard deviation over the splits that have a score.
+    assert ax.get_title() == r"Brier score 0.050 $\pm$ 0.014 over 2 splits"
+    assert legend_of(ax)[1] == "observed, with\n90% interval and\nnumber of tests"
+    plain = plot_reliability(scores().isel(split=[0]).drop_attrs())
+    assert plain.get_title() == "Brier score 0.040"
+    assert legend_of(plain)[1] == "observed, with\ninterval and\nnumber of tests"
+
+
+def test_outcomes():
+    ax = plot_outcomes(scores())
+    base_rate, stood, overturned = ax.lines
+    # Of the tests that some split has predicted.
+    np.testing.assert_allclose(base_rate.get_ydata(), [1 / 3, 1 / 3])
+    np.testing.assert_array_equal(stood.get_xydata(), [[0.1, 0.1], [0.5, 0.75]])
+    np.testing.assert_array_equal(overturned.get_xydata(), [[2.0, 0.95]])
+    assert stood.get_marker() != overturned.get_marker()
+    assert legend_of(ax) == ["base rate, 0.333", "stood, 2", "overturned, 1"]
+    assert (ax.get_xscale(), ax.get_xlabel()) == ("log", "PGV [m/s]")
+    other = plot_outcomes(scores(), measure="pga")
+    np.testing.assert_array_equal(other.lines[1].get_xdata(), [1.0, 9.0])
+    assert other.get_xlabel() == "PGA [m/s²]"
+    with pytest.raises(ValueError, match=r"^measure must be one of pgv, pga, got 'sa'$"):
+        plot_outcomes(scores(), measure="sa")

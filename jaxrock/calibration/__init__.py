@@ -4,7 +4,14 @@ from .driven_fit import DrivenFit, fit_driven_rocking
 from .free_rocking_answer import FreeRockingFit
 from .free_rocking_fit import fit_free_rocking
 from .measurement_files import read_impact_times
-from .outcomes import OutcomeFit, Population, cross_validate, fit_outcomes
+from .outcomes import (
+    OutcomeFit,
+    Outcomes,
+    Population,
+    cross_validate,
+    fit_outcomes,
+    read_tests,
+)
 from .outcomes import check_campaign as check_campaign
 from .outcomes import fit_and_score as fit_and_score
 
@@ -12,10 +19,12 @@ __all__ = [
     "DrivenFit",
     "FreeRockingFit",
     "OutcomeFit",
+    "Outcomes",
     "Population",
     "cross_validate",
     "fit_driven_rocking",
     "fit_free_rocking",
     "fit_outcomes",
     "read_impact_times",
+    "read_tests",
 ]

@@ -29,6 +29,7 @@ from .respond import respond
 from .sensitivity import sensitivity
 from .spectra import rocking_spectrum, spectrum
 from .tradeoff import tradeoff
+from .validate import validate
 
 # In the order in which help lists them, the first for newcomers. The name of a command is the
 # one of its function, with dashes; its options are the parameters, its help is the docstring.
@@ -43,6 +44,7 @@ COMMANDS = (
     sensitivity,
     harmonic,
     fit,
+    validate,
     tradeoff,
     paper,
 )

@@ -10,6 +10,7 @@ from .fragility import plot_fragility
 from .harmonic import plot_harmonic
 from .inventory import plot_inventory
 from .outcome_probabilities import plot_outcome_probabilities, plot_sobol_indices
+from .outcomes import plot_outcomes, plot_reliability
 from .overturning import plot_boundaries, plot_critical_intensity
 from .pulses import plot_overturning_map, plot_resonance
 from .sensitivity import plot_sensitivity_map, plot_tornado
@@ -27,8 +28,10 @@ __all__ = [
     "plot_harmonic",
     "plot_inventory",
     "plot_outcome_probabilities",
+    "plot_outcomes",
     "plot_overturning_map",
     "plot_phase",
+    "plot_reliability",
     "plot_resonance",
     "plot_response",
     "plot_rocking_spectrum",

@@ -6,6 +6,7 @@ from collections import Counter
 from typing import NamedTuple
 
 from .heads import match_whole, read_head
+from .quantities import QUANTITIES
 from .rows import SEPARATORS, Row, is_comment, is_number, split_line, split_lines
 from .text import TextFile, quote_word
 from .units import parse_unit
@@ -88,10 +89,10 @@ def _find_head(sample: list[Row]) -> tuple[int | None, int]:
     ]
     if not names:
         return None, leading[-1] + 1
-    known = {k: sum(bool(read_head(cell).quantity) for cell in sample[k].cells) for k in names}
+    known = {k: _count_quantities(sample[k].cells) for k in names}
     fitting = [k for k in names if len(sample[k].cells) == width] or names
     head = max(names, key=lambda k: known[k])
-    if not known[head]:
+    if not any(known[head]):
         head = fitting[-1 if width == 1 else 0]
     first = head + 1
     # Below the names units may stand, or statements.
@@ -100,6 +101,17 @@ def _find_head(sample: list[Row]) -> tuple[int | None, int]:
             break
         first += 1
     return head, first
+
+
+def _count_quantities(cells: list[str]) -> tuple[int, int]:
+    """Count quantities in a row; of equal rows, the one with more quantities of numbers wins.
+
+    Above names, "unit,m/s2" is a statement.
+    """
+    heads = [read_head(cell) for cell in cells]
+    known = [head.quantity for head in heads if head.quantity]
+    words = [name for name in known if name in QUANTITIES and not QUANTITIES[name].dimensions]
+    return len(known), len(known) - len(words)
 
 
 def _is_statement(cells: list[str]) -> bool:

@@ -14,7 +14,7 @@ class Quantity(NamedTuple):
     names: str
     # Pattern of words that make any name that has them one of this quantity.
     words: str
-    # What its units measure, as in `units.py`.
+    # What its units measure, as in `units.py`; nothing for words.
     dimensions: tuple[str, ...]
 
 
@@ -48,6 +48,7 @@ QUANTITIES: dict[str, Quantity] = {
         r"periods?|frequenc(?:y|ies)|freqs?",
         ("time", "frequency"),
     ),
+    "time step": Quantity(r"(?:time|sampling) ?(?:steps?|intervals?)", "", _TIME),
     "duration": Quantity("", r"d?dt|durations?|intervals?|delays?|lags?|steps?", _TIME),
     "return period": Quantity(
         rf"(?:mean )?(?:return|recurrence) (?:period|interval)s?(?: {_EXCEEDANCE})?(?: in years)?",
@@ -94,7 +95,14 @@ QUANTITIES: dict[str, Quantity] = {
     "floor damping": Quantity(
         r"floor damping(?: ratio)?|damping(?: ratio)? of (?:the )?floor", "", _RATIO
     ),
-    "name": Quantity(r"(?:object )?names?|objects?", "", _RATIO),
+    "name": Quantity(r"(?:object |test )?names?|objects?", "", _RATIO),
+    # Of tests, in words.
+    "file": Quantity(r"(?:motion |record )?files?(?: ?names?)?", "", ()),
+    "column": Quantity("columns?", "", ()),
+    "unit": Quantity(r"units?(?: of (?:the )?accelerations?)?|acceleration units?", "", ()),
+    "overturned": Quantity("overturn(?:ed|s)|outcomes?", "", ()),
+    "group": Quantity("groups?|earthquakes?|events?", "", ()),
+    "scale": Quantity("scales?(?: factors?)?|factors?", "", _RATIO),
     # The largest one after an impact, of a block that rocks freely.
     "peak rotation": Quantity(
         rf"{_LARGEST}|(?:{_LARGEST} ?)?(?:rotations?|(?:(?:rotation|tilt) ?)?angles?|alpha|theta"

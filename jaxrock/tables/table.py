@@ -83,7 +83,8 @@ class Table:
     def decimal(self) -> str:
         """The sign before decimals; an error if both occur, or if it may be of thousands."""
         # Names may be numbers with points, as of catalogues, whatever stands before decimals.
-        named = {k for k, head in enumerate(self.heads) if head.quantity == "name"}
+        words = ("name", "file", "group")
+        named = {k for k, head in enumerate(self.heads) if head.quantity in words}
         cells = [
             (cell, row.line)
             for row in self.rows

@@ -2,6 +2,7 @@
 
 from .arrays import AnyArray as AnyArray
 from .arrays import Booleans as Booleans
+from .arrays import Flags as Flags
 from .arrays import Integers as Integers
 from .arrays import Number as Number
 from .arrays import Numbers as Numbers

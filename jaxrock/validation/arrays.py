@@ -23,6 +23,9 @@ Number = TypeAliasType("Number", Real[ArrayLike, "..."])
 Numbers = TypeAliasType("Numbers", Number | Sequence[object])
 
 
+Flags = TypeAliasType("Flags", Bool[ArrayLike, "..."] | Numbers)
+
+
 Reals = TypeAliasType("Reals", Float[Array, "..."])
 
 

@@ -19,7 +19,7 @@ from references.mutations import read_mutations
 from test_hazard_files import LEVELS, NEWER, NSHMP, POINTS, SITES
 
 import jaxrock as jr
-from jaxrock.calibration import read_impact_times
+from jaxrock.calibration import read_impact_times, read_tests
 
 pytestmark = pytest.mark.float64
 
@@ -478,6 +478,52 @@ def make_impacts(layout):
     return Kind("times.csv", content, read_impact_times, same, statements)
 
 
+TESTS = (
+    "# a shaking table\nfile,unit,time step [ms],overturned,peak rotation [deg],earthquake,scale\n"
+    "a.csv,gal,5.0,no,4.50,Kobe,1.250\na.csv,gal,5.0,yes,,Kobe,-2.500\n"
+    "a.csv,gal,5.0,no,7.25,Izmit,0.750\na.csv,gal,5.0,yes,,Izmit,3.125\n"
+)
+# Factor, peak [deg] and outcome.
+RIGHT_TESTS = np.array([[1.25, 4.5, 0], [-2.5, -1, 1], [0.75, 7.25, 0], [3.125, -1, 1]])
+
+
+def read_one_fault(path):
+    """Read a table of tests beside its motion; of several faults, the first."""
+    (path.parent / "a.csv").write_text("acc\n0.5\n1.0\n-2.5\n")
+    try:
+        return read_tests(path)
+    except ValueError as error:
+        raise ValueError(str(error).split("\n")[0]) from None
+
+
+def make_tests():
+    def same(tests, *, acceleration=1.0, time=1.0, rotation=1.0):
+        # A table that lost a line has fewer tests.
+        factors = [float(record.scale * record.acceleration[1]) for record in tests.suite]
+        steps = [float(record.time_step) for record in tests.suite]
+        peaks = np.full(len(factors), np.nan)
+        if tests.peak_rotations is not None:
+            peaks = np.asarray(tests.peak_rotations)
+        rows = np.transpose([factors, np.nan_to_num(peaks, nan=-1), tests.overturned])
+        right = RIGHT_TESTS * [acceleration * GAL, rotation * DEGREE, 1]
+        right[:, 1] = np.where(RIGHT_TESTS[:, 1] < 0, -1, right[:, 1])
+        near = np.isclose(rows[:, None], right, rtol=1e-9).all(axis=-1).any(axis=1)
+        return near.all() and np.allclose(steps, 0.005 * time, rtol=1e-9)
+
+    statements = (
+        (",gal,", ",g,", "acceleration", G / GAL),
+        (",gal,", ",cm,", "acceleration", REFUSED),
+        ("[ms]", "[s]", "time", 1e3),
+        ("time step", "time", "time", REFUSED),
+        ("[deg]", "[mrad]", "rotation", 1e-3 / DEGREE),
+        ("peak", "mean", "rotation", REFUSED),
+        ("scale", "weight", "acceleration", REFUSED),
+        (",yes,", ",perhaps,", "acceleration", REFUSED),
+        ("Izmit,0.750", ",0.750", "acceleration", REFUSED),
+    )
+    return Kind("tests.csv", TESTS, read_one_fault, same, statements)
+
+
 KINDS = {
     "AT2": make_at2,
     "plain numbers": make_plain,
@@ -495,6 +541,7 @@ KINDS = {
     "OpenQuake, two sites": partial(make_openquake, "sites"),
     "nshmp-haz": partial(make_hazard, "usgs"),
     "inventory": make_inventory,
+    "tests": make_tests,
 }
 KINDS |= {f"table, {layout}": partial(make_table, layout) for layout in TABLES}
 KINDS |= {f"impacts, {layout}": partial(make_impacts, layout) for layout in IMPACTS}

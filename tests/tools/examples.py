@@ -24,8 +24,16 @@ IMPACTS = (0.0, 0.964, 1.636, 2.173, 2.623, 3.007, 3.34, 3.632, 3.892, 4.122, 4.
 # Objects of a museum, and the hazard at its place.
 OBJECTS = "name,width [cm],height [m],restitution\nbust,40,1.6,\nvase,28,0.9,0.88\n"
 HAZARD = "pgv [m/s],rate [1/yr]\n0.1,2e-2\n0.3,2e-3\n1,1e-4\n3,4e-6\n"
+# Tests of a block under factors on three records, each of which overturns it from another one on.
+TESTS = "file,scale,overturned\n" + "".join(
+    f"records/{k}.csv,{factor},{'yes' if factor > least else 'no'}\n"
+    for k, least in enumerate((1.3, 1.4, 0.9))
+    for factor in (0.5, 0.8, 1, 1.2, 1.6, 2.4)
+)
 # Progress: that a long step has ended, or how long one will take.
-PROGRESS = re.compile(r"jaxrock: (.+: done in \d+ s|timing .* takes some \d+ s)")
+PROGRESS = re.compile(
+    r"jaxrock: (.+: done in \d+ s|(?:timing|simulating) .* takes some \d+ s)"
+)
 BLOCK = re.compile(r"^```[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
 ROOT = Path(__file__).parents[2]
 
@@ -60,6 +68,7 @@ def make_files(folder):
     (folder / "times.csv").write_text("\n".join(map(str, IMPACTS)), encoding="utf-8")
     (folder / "objects.csv").write_text(OBJECTS, encoding="utf-8")
     (folder / "hazard.csv").write_text(HAZARD, encoding="utf-8")
+    (folder / "tests.csv").write_text(TESTS, encoding="utf-8")
     for number, record in enumerate(list(jr.example_suite())[:3]):
         times = np.arange(len(record.acceleration)) * float(record.time_step)
         table = np.column_stack([times, record.acceleration])

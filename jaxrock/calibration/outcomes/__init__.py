@@ -4,6 +4,15 @@ from .answer import OutcomeFit
 from .campaign import check_campaign as check_campaign
 from .cross_validation import cross_validate, fit_and_score
 from .fit import fit_outcomes
+from .outcome_files import Outcomes, read_tests
 from .population import Population
 
-__all__ = ["OutcomeFit", "Population", "cross_validate", "fit_and_score", "fit_outcomes"]
+__all__ = [
+    "OutcomeFit",
+    "Outcomes",
+    "Population",
+    "cross_validate",
+    "fit_and_score",
+    "fit_outcomes",
+    "read_tests",
+]

@@ -6,13 +6,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import ndtri
 
 from ...block import Block
 from ...ground_motion import Record, Suite
 from ...host import Printed, describe_status, format_table
 from ...sensitivity import Uncertain, find_coefficients
-from ...validation import Integers, Reals, check_kind, is_traced
+from ...validation import (
+    Integers,
+    Reals,
+    check_kind,
+    is_traced,
+)
 from .likelihood import (
     Points,
     TestData,
@@ -43,7 +47,9 @@ class OutcomeFit(Printed, eqx.Module):
         The medians, ready for everything else.
     free, covariance : Array, shape (12,), (12, 12)
         Logarithms, logits and the like of the numbers of the population, and their covariance
-        by the curvature of the posterior at its mode.
+        in the posterior.
+    draws, draw_weights : Array, shape (draws, 12), (draws,)
+        Such numbers drawn from the posterior, and their weights, with a sum of 1.
     prior_mean, prior_width : Array, shape (12,)
         Their means and standard deviations before the tests.
     points : Points
@@ -69,6 +75,8 @@ class OutcomeFit(Printed, eqx.Module):
     restitution: Reals
     free: Reals
     covariance: Reals
+    draws: Reals
+    draw_weights: Reals
     prior_mean: Reals
     prior_width: Reals
     points: Points
@@ -136,10 +144,14 @@ class OutcomeFit(Printed, eqx.Module):
             raise ValueError(
                 f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
             )
-        free = np.asarray(self.free, float)
-        deviation = np.sqrt(np.diagonal(np.asarray(self.covariance, float)))
-        half = float(ndtri(0.5 + 0.5 * confidence)) * deviation
-        ends = [_list_numbers(free - half), _list_numbers(free + half)]
+        draws = np.asarray(self.draws, float)
+        weights = np.asarray(self.draw_weights, float)
+        tail = 0.5 * (1 - confidence)
+        low, high = (
+            np.array([_find_quantile(column, weights, part) for column in draws.T])
+            for part in (tail, 1 - tail)
+        )
+        ends = [_list_numbers(low), _list_numbers(high)]
         return {
             name: (float(low), float(high))
             for name, low, high in zip(FREE_NAMES, *ends, strict=True)
@@ -283,6 +295,13 @@ def _compute_log_likelihood(
 ) -> Reals:
     """Compute the logarithm of the likelihood in one program."""
     return compute_log_likelihood(population, points, data, counts, grouped=grouped)
+
+
+def _find_quantile(values: np.ndarray, weights: np.ndarray, part: float) -> float:
+    """Find the value below which a part of the weights is, between two draws by a line."""
+    order = np.argsort(values)
+    middles = np.cumsum(weights[order]) - 0.5 * weights[order]
+    return float(np.interp(part, middles, values[order]))
 
 
 def _list_numbers(free: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from ...validation import (
     AT_LEAST_ONE,
     POSITIVE,
     Domain,
+    Flags,
     Number,
     Numbers,
     as_array,
@@ -23,6 +24,7 @@ from ...validation import (
 )
 from ..least_squares import check_concrete
 from .likelihood import TestData
+from .posterior import Posterior, sample_posterior
 from .prior import Prior, PriorLike, make_prior
 from .sample import PEAK_FLOOR, BlockSample, NormalComponent, Simulator, draw_sample
 from .search import (
@@ -42,6 +44,10 @@ _MOST_ROUNDS = 4
 # program.
 _LEAST_ROOM = 64
 _LEAST_SAMPLES = 64  # with fewer the first stage is none
+# By default so many motions of blocks of the second stage: some 15 s on two processors. The
+# fewer the tests, the more a fit hangs on single blocks.
+_USUAL_MOTIONS = 2**20
+_USUAL_SAMPLES = (2048, 8192)  # at least, at most
 
 
 class Campaign(NamedTuple):
@@ -114,11 +120,11 @@ class Campaign(NamedTuple):
 
 def check_campaign(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Flags,
     groups: Sequence[object] | None,
     peak_rotations: Numbers | None,
     prior: PriorLike | None,
-    samples: int,
+    samples: int | None,
     seed: int,
     model: ModelLike,
     gravity: Number,
@@ -161,6 +167,8 @@ def check_campaign(
             )
         # A block that overturned has none: it would be that of the floor.
         peaks = np.where(outcomes, np.nan, peaks)
+    if samples is None:
+        samples = _choose_samples(number)
     if type(samples) is not int or samples < _LEAST_SAMPLES or samples & (samples - 1):
         raise ValueError(
             f"samples must be a power of 2 from {_LEAST_SAMPLES} on, got {samples!r:.60}"
@@ -188,6 +196,15 @@ def _to_single(name: str, value: object, unit: str, domain: Domain) -> float:
     return float(number)
 
 
+def _choose_samples(tests: int) -> int:
+    """Choose how many blocks the sample has, a power of 2."""
+    least, most = _USUAL_SAMPLES
+    samples = most
+    while samples > least and samples * tests > _USUAL_MOTIONS:
+        samples //= 2
+    return samples
+
+
 def _check_groups(
     groups: Sequence[object] | None, number: int
 ) -> tuple[tuple[str, ...], np.ndarray]:
@@ -211,8 +228,8 @@ class CampaignFit(NamedTuple):
     data : TestData
     searched : list of Searched
         For each part.
-    covariance : ndarray, shape (12, 12)
-        Of the free numbers of the first.
+    posterior : Posterior
+        Of the first part.
     effective_blocks : float
         Blocks on which probabilities by the first rest.
     """
@@ -220,7 +237,7 @@ class CampaignFit(NamedTuple):
     sample: BlockSample
     data: TestData
     searched: list[Searched]
-    covariance: np.ndarray
+    posterior: Posterior
     effective_blocks: float
 
 
@@ -265,9 +282,18 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
         if not poor:
             break
         number = first_stage
-    covariance = _compute_covariance(campaign, sample, data, searched[0], parts[0])
     effective_blocks = count_effective_blocks(searched[0], sample.points)
-    return CampaignFit(sample, data, searched, covariance, effective_blocks)
+    posterior = sample_posterior(
+        searched[0],
+        _compute_covariance(campaign, sample, data, searched[0], parts[0]),
+        prior,
+        sample.points,
+        data,
+        campaign.pad(parts[0]),
+        seed,
+        grouped=campaign.grouped,
+    )
+    return CampaignFit(sample, data, searched, posterior, effective_blocks)
 
 
 def _search_parts(

@@ -9,7 +9,7 @@ from ...block import RECTANGLE_INERTIA_RATIO
 from ...ground_motion import Suite, describe_suite
 from ...host import add_names, make_dataset
 from ...resonance import ModelLike, Nonlinear
-from ...validation import Number, Numbers
+from ...validation import Flags, Number, Numbers
 from .answer import OutcomeFit
 from .campaign import Campaign, CampaignFit, check_campaign, fit_parts
 from .fit import make_outcome_fit
@@ -43,14 +43,14 @@ _SCORES = {
 
 def cross_validate(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Flags,
     groups: Sequence[object] | None = None,
     *,
     splits: int = 40,
     seed: int = 0,
     prior: PriorLike | None = None,
     peak_rotations: Numbers | None = None,
-    samples: int = 2048,
+    samples: int | None = None,
     model: ModelLike = Nonlinear(),
     gravity: Number = 9.81,
     inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,

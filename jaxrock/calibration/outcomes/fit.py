@@ -10,7 +10,7 @@ from ...block import RECTANGLE_INERTIA_RATIO, Block
 from ...ground_motion import Suite
 from ...host import Status
 from ...resonance import ModelLike, Nonlinear
-from ...validation import Number, Numbers, as_array
+from ...validation import Flags, Number, Numbers, as_array
 from .answer import OutcomeFit
 from .campaign import Campaign, CampaignFit, check_campaign, fit_parts
 from .population import unpack_population
@@ -19,12 +19,12 @@ from .prior import PriorLike
 
 def fit_outcomes(
     suite: Suite,
-    overturned: Numbers,
+    overturned: Flags,
     *,
     prior: PriorLike | None = None,
     groups: Sequence[object] | None = None,
     peak_rotations: Numbers | None = None,
-    samples: int = 2048,
+    samples: int | None = None,
     seed: int = 0,
     model: ModelLike = Nonlinear(),
     gravity: Number = 9.81,
@@ -56,9 +56,9 @@ def fit_outcomes(
     peak_rotations : array_like, shape (tests,), optional
         Measured peak rotations [rad]; NaN where unknown. Those of blocks that overturned are
         left out.
-    samples : int
+    samples : int, optional
         Blocks of the sample, a power of 2 from 64 on; a quarter more is drawn from the prior,
-        and more where few have weight.
+        and more where few have weight. By default 8,192 for up to 128 tests, 2,048 from 512 on.
     seed : int
         Of the Sobol points.
     model : Nonlinear or Linearized, or their names
@@ -133,7 +133,9 @@ def make_outcome_fit(campaign: Campaign, fitted: CampaignFit) -> OutcomeFit:
         block=block,
         restitution=population.restitution,
         free=searched.free,
-        covariance=as_array(fitted.covariance),
+        covariance=as_array(fitted.posterior.covariance),
+        draws=as_array(fitted.posterior.free),
+        draw_weights=as_array(fitted.posterior.weights),
         prior_mean=as_array(campaign.prior.mean),
         prior_width=as_array(campaign.prior.width),
         points=fitted.sample.points,

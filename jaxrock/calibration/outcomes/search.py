@@ -58,7 +58,7 @@ class _SearchState(NamedTuple):
     steps: Integers
 
 
-def _compute_loss(
+def compute_loss(
     standard: Reals,
     prior: Prior,
     points: Points,
@@ -82,11 +82,11 @@ def _search(
     """
     import optax  # which only this needs
 
-    def compute_loss(standard: Reals) -> Reals:
-        return _compute_loss(standard, prior, points, data, counts, grouped)
+    def compute_value(standard: Reals) -> Reals:
+        return compute_loss(standard, prior, points, data, counts, grouped)
 
     optimizer = optax.lbfgs()
-    compute_both = optax.value_and_grad_from_state(compute_loss)
+    compute_both = optax.value_and_grad_from_state(compute_value)
 
     def advance(state: _SearchState) -> _SearchState:
         """Go one step."""
@@ -97,7 +97,7 @@ def _search(
             state.standard,
             value=value,
             grad=gradient,
-            value_fn=compute_loss,
+            value_fn=compute_value,
         )
         return _SearchState(
             standard=jnp.asarray(optax.apply_updates(state.standard, update)),
@@ -116,7 +116,7 @@ def _search(
     last = jax.lax.while_loop(goes_on, advance, first)
     return Searched(
         free=jnp.asarray(prior.mean + prior.width * last.standard),
-        loss=compute_loss(last.standard),
+        loss=compute_value(last.standard),
         converged=last.length <= _ARRIVED,
         steps=last.steps,
     )
@@ -128,7 +128,7 @@ def _compute_curvature(
 ) -> Reals:
     """Compute second derivatives of the loss, of numbers in deviations of the prior."""
     standard = (free - prior.mean) / prior.width
-    return jax.hessian(_compute_loss)(standard, prior, points, data, counts, grouped)
+    return jax.hessian(compute_loss)(standard, prior, points, data, counts, grouped)
 
 
 def search_population(
