@@ -203,7 +203,8 @@ def _choose_starts(
     agrees = data.outcomes == data.overturned[:, None]
     likelihood = jnp.where(agrees, 1 - _UNEXPLAINED, _UNEXPLAINED)
     of_blocks = counts @ jnp.log(likelihood)
-    standard = (points.coordinates - prior.mean[:3]) / prior.width[:3]
+    centred = points.coordinates - prior.mean[None, :3]
+    standard = centred / prior.width[None, :3]
     log_prior = -0.5 * jnp.sum(standard**2, axis=1) - points.log_density
     starts = []
     mean = jnp.asarray(prior.mean)
