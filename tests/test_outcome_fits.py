@@ -145,7 +145,8 @@ def arguments_of_search(fit):
 
 def weigh_by_hand(population, points, shift):
     """Normalized weights of the blocks for groups that deviate by a shift of ln(alpha_c)."""
-    mean = list_coordinates(population) + [shift, 0, 0]
+    mean = list_coordinates(population)
+    mean[0] += shift
     log_weights = multivariate_normal(mean, cover(population)).logpdf(points.coordinates)
     log_weights = log_weights - np.asarray(points.log_density)
     weights = np.exp(log_weights - log_weights.max())

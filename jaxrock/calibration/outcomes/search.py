@@ -91,18 +91,20 @@ def _search(
     def advance(state: _SearchState) -> _SearchState:
         """Go one step."""
         value, gradient = compute_both(state.standard, state=state.optimizer)
-        update, optimizer_state = optimizer.update(
-            gradient,
-            state.optimizer,
-            state.standard,
-            value=value,
-            grad=gradient,
-            value_fn=compute_value,
-        )
+        # optax mixes types and ranks, which users may have forbidden.
+        with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+            update, optimizer_state = optimizer.update(
+                gradient,
+                state.optimizer,
+                state.standard,
+                value=value,
+                grad=gradient,
+                value_fn=compute_value,
+            )
         return _SearchState(
             standard=jnp.asarray(optax.apply_updates(state.standard, update)),
             optimizer=optimizer_state,
-            length=optax.global_norm(gradient),
+            length=jnp.linalg.norm(jnp.asarray(gradient)),
             steps=state.steps + 1,
         )
 
