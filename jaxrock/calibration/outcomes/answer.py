@@ -11,7 +11,12 @@ from ...block import Block
 from ...ground_motion import Record, Suite
 from ...host import Printed, describe_status, format_table
 from ...sensitivity import Uncertain, find_coefficients
-from ...validation import Integers, Reals, check_kind, is_traced
+from ...validation import (
+    Integers,
+    Reals,
+    check_kind,
+    is_traced,
+)
 from .likelihood import (
     Points,
     TestData,
@@ -290,6 +295,13 @@ def _compute_log_likelihood(
 ) -> Reals:
     """Compute the logarithm of the likelihood in one program."""
     return compute_log_likelihood(population, points, data, counts, grouped=grouped)
+
+
+def _find_quantile(values: np.ndarray, weights: np.ndarray, part: float) -> float:
+    """Find the value below which a part of the weights is, between two draws by a line."""
+    order = np.argsort(values)
+    middles = np.cumsum(weights[order]) - 0.5 * weights[order]
+    return float(np.interp(part, middles, values[order]))
 
 
 def _list_numbers(free: np.ndarray) -> np.ndarray:

@@ -69,13 +69,13 @@ def weigh_blocks(population: Population, points: Points, nodes: tuple[float, ...
         Weights with a sum of 1 at each node.
     """
     normal = to_normal(population)
-    centred = points.coordinates - normal.mean
+    centred = points.coordinates - normal.mean[None, :]
 
     def weigh(node: Reals) -> Reals:
         """Weigh the blocks at one node."""
         shift = jnp.zeros_like(normal.mean).at[0].set(population.group_deviation * node)
         standard = jax.scipy.linalg.solve_triangular(
-            normal.factor, (centred - shift).T, lower=True
+            normal.factor, (centred - shift[None, :]).T, lower=True
         )
         log_weights = -0.5 * jnp.sum(standard**2, axis=0) - points.log_density
         return jax.nn.softmax(log_weights)
@@ -146,4 +146,4 @@ def compute_log_likelihood(
     # There are no more groups than tests. A group without tests has a likelihood of 1.
     of_groups = jax.ops.segment_sum(logarithms, data.group, len(data.group))
     log_node_weights = jnp.log(jnp.asarray(NODE_WEIGHTS, logarithms.dtype))
-    return jnp.sum(jax.scipy.special.logsumexp(of_groups + log_node_weights, axis=1))
+    return jnp.sum(jax.scipy.special.logsumexp(of_groups + log_node_weights[None, :], axis=1))

@@ -91,18 +91,20 @@ def _search(
     def advance(state: _SearchState) -> _SearchState:
         """Go one step."""
         value, gradient = compute_both(state.standard, state=state.optimizer)
-        update, optimizer_state = optimizer.update(
-            gradient,
-            state.optimizer,
-            state.standard,
-            value=value,
-            grad=gradient,
-            value_fn=compute_value,
-        )
+        # optax mixes types and ranks, which users may have forbidden.
+        with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+            update, optimizer_state = optimizer.update(
+                gradient,
+                state.optimizer,
+                state.standard,
+                value=value,
+                grad=gradient,
+                value_fn=compute_value,
+            )
         return _SearchState(
             standard=jnp.asarray(optax.apply_updates(state.standard, update)),
             optimizer=optimizer_state,
-            length=optax.global_norm(gradient),
+            length=jnp.linalg.norm(jnp.asarray(gradient)),
             steps=state.steps + 1,
         )
 
@@ -203,7 +205,8 @@ def _choose_starts(
     agrees = data.outcomes == data.overturned[:, None]
     likelihood = jnp.where(agrees, 1 - _UNEXPLAINED, _UNEXPLAINED)
     of_blocks = counts @ jnp.log(likelihood)
-    standard = (points.coordinates - prior.mean[:3]) / prior.width[:3]
+    centred = points.coordinates - prior.mean[None, :3]
+    standard = centred / prior.width[None, :3]
     log_prior = -0.5 * jnp.sum(standard**2, axis=1) - points.log_density
     starts = []
     mean = jnp.asarray(prior.mean)
