@@ -145,6 +145,31 @@ def test_floors(capsys):
     assert max(namespace["rates"]) > 1.5 * namespace["rates"][0]
 
 
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_validation(capsys):
+    namespace, printed = run("validation", capsys)
+    intervals = namespace["fit"].compute_intervals()
+    truth = {"critical_angle": 0.1, "frequency_parameter": 5.0, "restitution": 0.858}
+    deviations = {
+        "critical_angle_deviation": 0.15,
+        "frequency_parameter_deviation": 0.05,
+        "restitution_deviation": 0.3,
+    }
+    for name, value in (truth | deviations).items():
+        assert intervals[name][0] < value < intervals[name][1], name
+    shown = re.findall(r"```text\n(.*?)```", TEXTS["validation"], re.DOTALL)
+    on_page = re.findall(r"\d+\.\d+", "".join(shown))
+    # Motions are chaotic: other processors end some of them otherwise.
+    assert [float(word) for word in re.findall(r"\d+\.\d+", printed)] == pytest.approx(
+        [float(word) for word in on_page], rel=0.03, abs=0.011
+    )
+    scores = namespace["scores"]
+    bins = scores.isel(bin=scores.tests.values > 0)
+    assert (bins.observed_low <= bins.predicted).all()
+    assert (bins.predicted <= bins.observed_high).all()
+
+
 @pytest.mark.thorough
 @pytest.mark.float64
 def test_as_much_model_as_required(capsys):
@@ -172,7 +197,7 @@ def test_inverse_design(capsys):
 def test_all_code_is_run_by_a_test():
     tested = {"README", "getting_started", "records", "paper", "sharp_edges", "calibration"}
     tested |= {"suites", "driven_motion", "concepts", "sensitivities", "many_devices"}
-    tested |= {"architecture", "conformance", "floors", "one_sided"}
+    tested |= {"architecture", "conformance", "floors", "one_sided", "validation"}
     assert {page for page in TEXTS if code(page)} == tested
 
 

@@ -187,15 +187,6 @@ def check_campaign(
     )
 
 
-def _to_single(name: str, value: object, unit: str, domain: Domain) -> float:
-    """Convert to a single number that is allowed."""
-    number = as_real(name, value, unit=unit)
-    if number.shape:
-        raise ValueError(f"{name} must be a single number, got {describe(value)}")
-    check(name, number, domain)
-    return float(number)
-
-
 def _choose_samples(tests: int) -> int:
     """Choose how many blocks the sample has, a power of 2."""
     least, most = _USUAL_SAMPLES
@@ -203,6 +194,15 @@ def _choose_samples(tests: int) -> int:
     while samples > least and samples * tests > _USUAL_MOTIONS:
         samples //= 2
     return samples
+
+
+def _to_single(name: str, value: object, unit: str, domain: Domain) -> float:
+    """Convert to a single number that is allowed."""
+    number = as_real(name, value, unit=unit)
+    if number.shape:
+        raise ValueError(f"{name} must be a single number, got {describe(value)}")
+    check(name, number, domain)
+    return float(number)
 
 
 def _check_groups(
@@ -282,7 +282,6 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
         if not poor:
             break
         number = first_stage
-    effective_blocks = count_effective_blocks(searched[0], sample.points)
     posterior = sample_posterior(
         searched[0],
         _compute_covariance(campaign, sample, data, searched[0], parts[0]),
@@ -293,6 +292,7 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
         seed,
         grouped=campaign.grouped,
     )
+    effective_blocks = count_effective_blocks(searched[0], sample.points)
     return CampaignFit(sample, data, searched, posterior, effective_blocks)
 
 

@@ -30,9 +30,9 @@ _DOMAINS = {
 }
 # Objects of laboratories, museums and the field, as long as nothing else is known. Within two
 # standard deviations: alpha_c of 0.05 to 0.8 rad, p of 1.2 to 13 1/s (half-diagonals of 0.04 to
-# 5 m), C of 0.43 to 0.98.
-_MEDIANS = (0.2, 4.0, 0.85)
-_WIDTHS = (0.7, 0.6, 1.0)
+# 5 m), C of 0.45 to 0.95.
+_MEDIANS = (0.2, 4.0, 0.8)
+_WIDTHS = (0.7, 0.6, 0.8)
 # Tests of one object, whose contact with the ground differs from test to test.
 _DEVIATIONS = (0.2, 0.1, 0.3)
 _WIDTH_OF_DEVIATIONS = 0.5
