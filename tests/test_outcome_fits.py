@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
+from scenes import impact_times
 from scipy.special import expit, logit
 from scipy.stats import multivariate_normal, norm
 
@@ -160,8 +161,8 @@ def integrate_over_groups(compute, population, nodes):
         places, weights = np.polynomial.hermite_e.hermegauss(nodes)
         weights = weights / weights.sum()
     else:
-        places = np.linspace(-7, 7, 1401)
-        weights = norm.pdf(places) * 0.01
+        places = np.linspace(-7, 7, 141)
+        weights = norm.pdf(places) * 0.1
     return sum(w * compute(deviation * z) for z, w in zip(places, weights, strict=True))
 
 
@@ -254,9 +255,11 @@ def test_derivatives_are_those_of_differences(question):
         "log_likelihood": fit.log_likelihood,
         "probability": lambda population: fit.probability(suite, population).sum(),
     }
-    compute = jax.jit(answers[question])
-    gradient = jax.jit(jax.grad(answers[question]))(population)
-    tangents = jax.jit(jax.jacfwd(answers[question]))(population)
+    answer = answers[question]
+    # `jit` keeps a program for each function, and a method of a fit has no hash.
+    compute = jax.jit(lambda population: answer(population))
+    gradient = jax.grad(answer)(population)
+    tangents = jax.jit(jax.jacfwd(lambda population: answer(population)))(population)
     for field in FIELDS:
         derivatives = np.atleast_1d(np.asarray(getattr(gradient, field)))
         for place, derivative in enumerate(derivatives):
@@ -269,6 +272,7 @@ def test_derivatives_are_those_of_differences(question):
     no_peaks = question == "probability"
     assert (float(gradient.peak_deviation) == 0) == no_peaks
     assert float(gradient.group_deviation) != 0
+    assert float(compute(population)) == pytest.approx(float(answer(population)), rel=1e-12)
 
 
 # Populations
@@ -452,10 +456,10 @@ def test_the_uncertain_block_goes_into_fragilities_and_rates():
     uncertain = jr.overturning_rate(fit.block, fit.restitution, site, fit.uncertain).rate
     assert np.isfinite(float(uncertain))
     assert float(uncertain) != float(alone)
-    curve = jr.fragility(
+    curves = jr.fragility(
         fit.block, fit.restitution, suite, [0.1, 0.5, 2.0], uncertain=fit.uncertain
     )
-    assert 0 <= float(curve.probability.min()) <= float(curve.probability.max()) <= 1
+    assert curves.sizes["level"] == 3
 
 
 def test_a_fit_is_printed():
@@ -466,3 +470,192 @@ def test_a_fit_is_printed():
     intervals = fit.compute_intervals()
     assert intervals["critical_angle"][0] < float(fit.block.critical_angle)
     assert float(fit.block.critical_angle) < intervals["critical_angle"][1]
+
+
+# Edges
+
+
+EDGES = {
+    "all overturned": (
+        {"overturned": np.ones(TESTS, bool)},
+        "all tests overturned: they bound the population from one side only",
+    ),
+    "none overturned": (
+        {"overturned": np.zeros(TESTS, bool)},
+        "no test overturned: they bound the population from one side only",
+    ),
+    "one group": ({"groups": ["the same"] * TESTS}, None),
+    "each test its own group": ({"groups": range(TESTS)}, None),
+    "no peak": ({"peak_rotations": np.full(TESTS, np.nan)}, None),
+    "a peak of nothing": ({"peak_rotations": np.zeros(TESTS)}, None),
+    "against a wall": ({"one_sided": True}, None),
+    "linearized": ({"model": jr.Linearized()}, None),
+    "prior of a block": ({"prior": jr.Block(0.1, 6.0)}, None),
+    "prior of a restitution": ({"prior": {"restitution": (0.85, 0.02)}}, None),
+    "prior without doubt": ({"prior": {"critical_angle": (0.17, 0.0)}}, None),
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("edge", EDGES)
+def test_an_edge_is_fitted(edge):
+    changes, remark = EDGES[edge]
+    fit = fit_tests(**changes)
+    assert np.isfinite(np.asarray(fit.free)).all()
+    assert np.isfinite(np.asarray(fit.covariance)).all()
+    assert all(low <= high for low, high in fit.compute_intervals().values())
+    assert remark is None or remark in fit.remarks
+    assert fit.status == jr.Status.COMPLETE
+    probabilities = np.asarray(fit.probability(make_tests()[0]))
+    assert np.all((probabilities > 0) & (probabilities < 1))
+    assert fit.block.one_sided == changes.get("one_sided", False)
+    grouped = edge not in ("one group", "each test its own group")
+    assert (float(fit.population.group_deviation) > 0) == grouped
+    name, *known = (
+        changes.get("prior", {"": ()}) if isinstance(changes.get("prior"), dict) else ("",)
+    )
+    if name:
+        median, coefficient = changes["prior"][name]
+        assert not known
+        assert float(getattr(fit.population, name)) == pytest.approx(
+            median, rel=3 * coefficient + 1e-2
+        )
+
+
+@pytest.mark.thorough
+def test_a_single_test_is_fitted():
+    suite, overturned, _ = make_tests()
+    fit = jr.fit_outcomes(suite[:1], overturned[:1], samples=SAMPLES)
+    assert "there is one test only: most of the answer is the prior" in fit.remarks
+    assert np.isfinite(np.asarray(fit.free)).all()
+    assert fit.tests == fit.groups == 1
+
+
+@pytest.mark.thorough
+def test_a_free_rocking_test_is_a_prior():
+    block = jr.Block(0.1, 5.0)
+    random = np.random.default_rng(0)
+    times = impact_times(block, 0.9, 0.9) + random.normal(0, 1e-3, 12)
+    known = jr.fit_free_rocking(times, block, model="linearized")
+    fit = fit_tests(prior=known)
+    width = known.standard_errors["restitution"] / (
+        known.restitution * (1 - known.restitution)
+    )
+    assert float(fit.prior_width[2]) == pytest.approx(float(width), rel=0.02)
+    assert float(jax.nn.sigmoid(fit.prior_mean[2])) == pytest.approx(float(known.restitution))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", ["floor", "vertical"])
+def test_other_motions_are_fitted(kind):
+    suite, overturned, _ = make_tests()
+    if kind == "floor":
+        suite = suite.on_floor(0.2, 0.05, [1.0])
+    else:
+        records = [
+            jr.Record(
+                record.acceleration, 0.04, vertical=0.3 * np.asarray(record.acceleration)
+            )
+            for record in suite.records
+        ]
+        suite = jr.Suite(records, suite.names)
+    fit = jr.fit_outcomes(suite, overturned, groups=GROUPS, samples=SAMPLES)
+    assert np.isfinite(np.asarray(fit.free)).all()
+    scores = jr.calibration.cross_validate(
+        suite, overturned, GROUPS, samples=SAMPLES, splits=2
+    )
+    assert np.isfinite(scores.brier).all()
+
+
+# Scores
+
+
+SPLITS = 3
+
+
+@functools.cache
+def usual_scores():
+    suite, overturned, peaks = make_tests()
+    return jr.calibration.cross_validate(
+        suite, overturned, GROUPS, splits=SPLITS, samples=SAMPLES, peak_rotations=peaks, seed=5
+    )
+
+
+def halve_by_hand(split):
+    """Which tests are fitted."""
+    names = sorted(set(GROUPS))
+    order = np.random.default_rng(5 + split).permutation(len(names))
+    fitted = {names[k] for k in order[: len(names) // 2]}
+    return np.array([name in fitted for name in GROUPS])
+
+
+def test_scores_are_of_the_halves_that_are_documented():
+    scores = usual_scores()
+    _, overturned, _ = make_tests()
+    assert scores.brier.dims == ("predictor", "split")
+    for split in range(SPLITS):
+        fitted = halve_by_hand(split)
+        base_rate = overturned[fitted].mean()
+        expected = np.mean((base_rate - overturned[~fitted]) ** 2)
+        computed = float(scores.brier.sel(predictor="base rate")[split])
+        assert computed == pytest.approx(expected, rel=1e-6)
+    assert scores.split.values.tolist() == [5, 6, 7]
+    assert scores.group.values.tolist() == GROUPS
+    np.testing.assert_array_equal(scores.overturned, overturned)
+    never = np.all([halve_by_hand(split) for split in range(SPLITS)], axis=0)
+    np.testing.assert_array_equal(np.isnan(scores.probability[0]), never)
+
+
+def search_half(data, fitted):
+    fit = usual_fit()
+    counts = np.zeros(fit.counts.size)
+    counts[:TESTS] = fitted
+    prior = Prior(fit.prior_mean, fit.prior_width)
+    return search_population(prior, fit.points, data, counts, grouped=True)
+
+
+def test_nothing_of_a_held_out_test_is_fitted():
+    fit = usual_fit()
+    fitted = halve_by_hand(0)
+    held_out = np.flatnonzero(~fitted)
+    data = fit.data
+    changed = data._replace(
+        overturned=data.overturned.at[held_out].set(1 - data.overturned[held_out]),
+        log_peak=data.log_peak.at[held_out].set(-1.0),
+    )
+    np.testing.assert_array_equal(
+        search_half(changed, fitted).free, search_half(data, fitted).free
+    )
+    kept = np.flatnonzero(fitted)
+    changed = data._replace(overturned=data.overturned.at[kept].set(1 - data.overturned[kept]))
+    assert np.any(search_half(changed, fitted).free != search_half(data, fitted).free)
+
+
+@pytest.mark.float64
+def test_a_score_is_that_of_a_fit_of_the_half():
+    """By `fit_outcomes` of it alone, from a sample of its own."""
+    suite, overturned, peaks = make_tests()
+    fitted = halve_by_hand(0)
+    half = np.flatnonzero(fitted)
+    fit = jr.fit_outcomes(
+        jr.Suite([suite[int(k)] for k in half], [suite.names[k] for k in half]),
+        overturned[half],
+        groups=[GROUPS[k] for k in half],
+        peak_rotations=peaks[half],
+        samples=SAMPLES,
+    )
+    predicted = np.asarray(fit.probability(suite))[~fitted]
+    expected = np.mean((predicted - overturned[~fitted]) ** 2)
+    computed = float(usual_scores().brier.sel(predictor="blocks")[0])
+    # Two samples of some hundred blocks of weight.
+    assert computed == pytest.approx(expected, abs=0.04)
+
+
+def test_scores_are_written_and_read(tmp_path):
+    import xarray
+
+    scores = usual_scores()
+    scores.to_netcdf(tmp_path / "scores.nc")
+    with xarray.open_dataset(tmp_path / "scores.nc") as read:
+        xarray.testing.assert_equal(read.load(), scores)
+        assert read.attrs.keys() == scores.attrs.keys()

@@ -262,7 +262,9 @@ class OutcomeFit(Printed, eqx.Module):
         if is_traced(suite):
             raise ValueError("motions must be concrete here: outcomes have no derivatives")
         coordinates = np.asarray(self.points.coordinates, float)
-        overturned, _ = self.simulator.simulate(coordinates, suite)
+        # In a transformation, too, the outcomes are numbers: only the population is traced.
+        with jax.ensure_compile_time_eval():
+            overturned, _ = self.simulator.simulate(coordinates, suite)
         outcomes = jnp.asarray(overturned, self.points.coordinates.dtype)
         chosen = self.population if population is None else population
         probability = _compute_probability(chosen, self.points, outcomes)
