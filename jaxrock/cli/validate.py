@@ -40,7 +40,7 @@ def validate(
     *,
     splits: Count = 40,
     seed: Count = 0,
-    samples: Count = 2048,
+    samples: Count | None = None,
     prior: tuple[str, ...] = (),
     one_sided: bool = False,
     floor_period: float | None = None,
@@ -75,7 +75,8 @@ def validate(
     seed
         Seed of the splits and of the blocks.
     samples
-        Blocks that are simulated under each motion, a power of 2.
+        Blocks that are simulated under each motion, a power of 2. If not given, 8192 for up to
+        128 tests, 2048 from 512 on.
     prior
         What is known: critical_angle=0.08:0.1 for a median [rad] and coefficient of variation.
     one_sided
@@ -110,7 +111,7 @@ def validate(
     with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_outcomes, plot_reliability
 
-        _announce_work(tests, samples, splits)
+        _announce_work(tests, campaign.samples, splits)
         fitted, scores = fit_and_score(campaign, splits)
         scores = scores.assign_attrs(about)
         scores.to_netcdf(folder / "validation.nc")

@@ -7,9 +7,10 @@ https://github.com/ZhiangChen/virtual_shake_robot_pybullet, under the GNU Genera
 out. Reading its workbooks needs openpyxl::
 
     pip install openpyxl
-    python tests/benchmarks/outcomes.py FOLDER [--rock 1] [--splits 40] [--seed 0]
+    python tests/benchmarks/outcomes.py FOLDER [--rock 1] [--splits 40] [--seed 0] [--names]
 
-With other seeds the tests are halved in other ways, and another sample of blocks is drawn.
+With other seeds the tests are halved in other ways, and another sample of blocks is drawn. With
+``--names`` the groups are the names of earthquakes, some of which have several records.
 """
 
 import argparse
@@ -51,8 +52,8 @@ def read_acceleration(path: Path) -> np.ndarray:
     return GRAVITY * samples[:whole].reshape(-1, 4).mean(axis=1)
 
 
-def read_tests(folder: Path) -> tuple[jr.Suite, np.ndarray, list[str]]:
-    """Read motions, outcomes (a row for each test) and the record behind each motion."""
+def read_tests(folder: Path, by_name: bool) -> tuple[jr.Suite, np.ndarray, list[str]]:
+    """Read motions, outcomes (a row for each test) and the group of each motion."""
     outcomes = read_workbook(folder / "Results_Granite.xlsx")
     names = read_workbook(folder / "Earthquake_Records_Info.xlsx")
     records = {}
@@ -63,9 +64,9 @@ def read_tests(folder: Path) -> tuple[jr.Suite, np.ndarray, list[str]]:
         if not path.exists() or number not in outcomes:
             continue
         records[f"test {number}"] = jr.Record(read_acceleration(path), STEP)
-        sequence = re.search(r"RSN(\d+)", str(names[number][2]))
+        sequence = re.search(r"RSN(\d+)_([A-Za-z0-9]+)", str(names[number][2]))
         assert sequence is not None
-        groups.append(sequence[1])
+        groups.append(sequence[2].rstrip("x").upper() if by_name else sequence[1])
     rows = [outcomes[int(name.split()[1])] for name in records]
     return jr.Suite(list(records.values()), list(records)), np.array(rows, float), groups
 
@@ -86,11 +87,12 @@ def main() -> None:
     parser.add_argument("--rock", type=int, choices=(1, 2), default=1)
     parser.add_argument("--splits", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--names", action="store_true")
     options = parser.parse_args()
-    suite, table, groups = read_tests(options.folder)
+    suite, table, groups = read_tests(options.folder, options.names)
     overturned = table[:, OUTCOMES[options.rock]] > 0
     print(
-        f"rock {options.rock}: {len(suite)} tests, {len(set(groups))} records,"
+        f"rock {options.rock}: {len(suite)} tests, {len(set(groups))} groups,"
         f" {overturned.sum()} overturned"
     )
     began = time.perf_counter()
