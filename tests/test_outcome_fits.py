@@ -18,6 +18,7 @@ from scipy.stats import multivariate_normal, norm
 
 import jaxrock as jr
 from jaxrock.calibration import Population
+from jaxrock.calibration.outcomes.campaign import check_campaign, fit_parts
 from jaxrock.calibration.outcomes.likelihood import average_weights
 from jaxrock.calibration.outcomes.population import (
     pack_population,
@@ -31,10 +32,11 @@ from jaxrock.calibration.outcomes.search import (
     Searched,
     compute_covariance,
     compute_loss,
+    search_population,
 )
 
 TESTS = 24
-SAMPLES = 512
+SAMPLES = 256
 GROUPS = [f"earthquake {k % 6}" for k in range(TESTS)]
 FIELDS = [field.name for field in Population.__dataclass_fields__.values()]
 
@@ -234,7 +236,7 @@ def test_a_peak_of_an_overturned_block_and_padding_count_nothing():
 def differentiate(compute, population, field, place):
     """Central differences of fourth order."""
     value = np.atleast_1d(np.asarray(getattr(population, field), float))
-    step = 2e-3 * max(abs(value[place]), 0.05)
+    step = 5e-4 * max(abs(value[place]), 0.05)
 
     def at(k):
         moved = value.copy()
@@ -511,15 +513,15 @@ def test_an_edge_is_fitted(edge):
     assert fit.block.one_sided == changes.get("one_sided", False)
     grouped = edge not in ("one group", "each test its own group")
     assert (float(fit.population.group_deviation) > 0) == grouped
-    name, *known = (
-        changes.get("prior", {"": ()}) if isinstance(changes.get("prior"), dict) else ("",)
-    )
-    if name:
-        median, coefficient = changes["prior"][name]
-        assert not known
-        assert float(getattr(fit.population, name)) == pytest.approx(
-            median, rel=3 * coefficient + 1e-2
-        )
+
+
+@pytest.mark.thorough
+def test_a_prior_decides_what_it_knows():
+    fit = fit_tests(prior={"critical_angle": (0.2, 0.0), "restitution": (0.8, 0.01)})
+    assert float(fit.block.critical_angle) == pytest.approx(0.2, rel=0.01)
+    assert float(fit.restitution) == pytest.approx(0.8, rel=0.03)
+    other = fit_tests(prior=jr.Block.from_parameters(3.0, 0.3))
+    assert float(other.block.critical_angle) > float(usual_fit().block.critical_angle)
 
 
 @pytest.mark.thorough
@@ -570,7 +572,7 @@ def test_other_motions_are_fitted(kind):
 # Scores
 
 
-SPLITS = 3
+SPLITS = 2
 
 
 @functools.cache
@@ -599,7 +601,7 @@ def test_scores_are_of_the_halves_that_are_documented():
         expected = np.mean((base_rate - overturned[~fitted]) ** 2)
         computed = float(scores.brier.sel(predictor="base rate")[split])
         assert computed == pytest.approx(expected, rel=1e-6)
-    assert scores.split.values.tolist() == [5, 6, 7]
+    assert scores.split.values.tolist() == [5, 6]
     assert scores.group.values.tolist() == GROUPS
     np.testing.assert_array_equal(scores.overturned, overturned)
     never = np.all([halve_by_hand(split) for split in range(SPLITS)], axis=0)
@@ -631,24 +633,26 @@ def test_nothing_of_a_held_out_test_is_fitted():
     assert np.any(search_half(changed, fitted).free != search_half(data, fitted).free)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
-def test_a_score_is_that_of_a_fit_of_the_half():
-    """By `fit_outcomes` of it alone, from a sample of its own."""
+def test_a_score_is_that_of_the_half_by_hand():
+    """From the same sample: the population that fits a half, and a loop for its predictions."""
     suite, overturned, peaks = make_tests()
-    fitted = halve_by_hand(0)
-    half = np.flatnonzero(fitted)
-    fit = jr.fit_outcomes(
-        jr.Suite([suite[int(k)] for k in half], [suite.names[k] for k in half]),
-        overturned[half],
-        groups=[GROUPS[k] for k in half],
-        peak_rotations=peaks[half],
-        samples=SAMPLES,
+    campaign = check_campaign(
+        suite, overturned, GROUPS, peaks, None, SAMPLES, 5, "nonlinear", 9.81, 4 / 3, False
     )
-    predicted = np.asarray(fit.probability(suite))[~fitted]
-    expected = np.mean((predicted - overturned[~fitted]) ** 2)
-    computed = float(usual_scores().brier.sel(predictor="blocks")[0])
-    # Two samples of some hundred blocks of weight.
-    assert computed == pytest.approx(expected, abs=0.04)
+    halves = [halve_by_hand(split) for split in range(SPLITS)]
+    fitted = fit_parts(campaign, [np.ones(TESTS, bool), *halves])
+    points = fitted.sample.points
+    for split, half in enumerate(halves):
+        population = unpack_population(fitted.searched[split + 1].free)
+        compute = functools.partial(weigh_by_hand, population, points)
+        weights = integrate_over_groups(compute, population, 5)
+        lapse = float(population.lapse)
+        predicted = (1 - lapse) * (fitted.sample.overturned @ weights) + lapse / 2
+        expected = np.mean((predicted - overturned)[~half] ** 2)
+        computed = float(usual_scores().brier.sel(predictor="blocks")[split])
+        assert computed == pytest.approx(expected, rel=1e-6)
 
 
 def test_scores_are_written_and_read(tmp_path):
@@ -659,3 +663,48 @@ def test_scores_are_written_and_read(tmp_path):
     with xarray.open_dataset(tmp_path / "scores.nc") as read:
         xarray.testing.assert_equal(read.load(), scores)
         assert read.attrs.keys() == scores.attrs.keys()
+
+
+# Campaigns of which the truth is known
+
+
+def fit_campaign(population, tests=64, exchanged=0.0):
+    """Simulate a campaign, exchange some outcomes, and fit it."""
+    suite = make_suite(tests, seed=1)
+    overturned, _ = simulate_tests(population, suite, seed=1)
+    exchanges = np.random.default_rng(2).permutation(tests) < exchanged * tests
+    return jr.fit_outcomes(suite, overturned ^ exchanges, samples=1024)
+
+
+@pytest.mark.thorough
+def test_probabilities_of_new_motions_are_those_of_the_population():
+    """The fit has 64 outcomes: at best the probability is known to some hundredths."""
+    population = make_population(group_deviation=0.0, lapse=0.0)
+    fit = fit_campaign(population)
+    motions = make_suite(200, seed=3)
+    blocks, restitutions = make_blocks(population, 4000, seed=4)
+    overturned = [
+        jr.respond_batch(blocks, restitutions, motion).overturned for motion in motions
+    ]
+    true = np.mean(overturned, axis=1)
+    difference = np.abs(np.asarray(fit.probability(motions)) - true)
+    assert difference.mean() < 0.06
+
+
+@pytest.mark.thorough
+def test_exchanged_outcomes_raise_the_lapse():
+    population = make_population(group_deviation=0.0, lapse=0.0)
+    honest = fit_campaign(population)
+    exchanged = fit_campaign(population, exchanged=0.25)
+    assert float(exchanged.population.lapse) > 1.5 * float(honest.population.lapse)
+
+
+@pytest.mark.thorough
+def test_different_blocks_have_a_larger_deviation():
+    alike = make_population(group_deviation=0.0, deviations=[0.02, 0.02, 0.05])
+    different = make_population(group_deviation=0.0, deviations=[0.6, 0.1, 0.3])
+    deviations = [
+        float(fit_campaign(population).population.deviations[0])
+        for population in (alike, different)
+    ]
+    assert deviations[1] > 1.5 * deviations[0]

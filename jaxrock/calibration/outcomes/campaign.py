@@ -140,7 +140,7 @@ def check_campaign(
                 "scales of records must be single ones, got an array of shape"
                 f" {np.shape(record.scale)} for {name!r}"
             )
-    check_concrete((suite, overturned, peak_rotations, gravity, inertia_ratio))
+    check_concrete((suite, overturned, peak_rotations, prior, gravity, inertia_ratio))
     outcomes = np.asarray(overturned)
     if outcomes.shape != (number,):
         raise ValueError(
@@ -210,8 +210,12 @@ def _check_groups(
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Return the names of the groups, in order, and which of them each test belongs to."""
     # Each test is a group of its own.
-    labels = range(number) if groups is None else list(groups)
-    if isinstance(groups, str) or len(labels) != number:
+    labels = range(number) if groups is None else groups
+    if isinstance(labels, str) or not isinstance(labels, Sequence | np.ndarray):
+        raise ValueError(
+            f"groups must be one name for each of {number} motions, got {describe(groups)}"
+        )
+    if len(labels) != number:
         raise ValueError(
             f"groups must be one name for each of {number} motions, got {describe(groups)}"
         )

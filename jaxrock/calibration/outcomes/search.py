@@ -101,12 +101,11 @@ def _search(
                 grad=gradient,
                 value_fn=compute_value,
             )
-        return _SearchState(
-            standard=jnp.asarray(optax.apply_updates(state.standard, update)),
-            optimizer=optimizer_state,
-            length=jnp.linalg.norm(jnp.asarray(gradient)),
-            steps=state.steps + 1,
-        )
+        length = jnp.linalg.norm(jnp.asarray(gradient))
+        # A search stays where it has arrived: after one more step the gradient may be larger.
+        after = jnp.asarray(optax.apply_updates(state.standard, update))
+        standard = jnp.where(length > _ARRIVED, after, state.standard)
+        return _SearchState(standard, optimizer_state, length, state.steps + 1)
 
     def goes_on(state: _SearchState) -> Booleans:
         """Return whether the search has not arrived."""
