@@ -591,6 +591,7 @@ def halve_by_hand(split):
     return np.array([name in fitted for name in GROUPS])
 
 
+@pytest.mark.thorough
 def test_scores_are_of_the_halves_that_are_documented():
     scores = usual_scores()
     _, overturned, _ = make_tests()
@@ -655,6 +656,7 @@ def test_a_score_is_that_of_the_half_by_hand():
         assert computed == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_scores_are_written_and_read(tmp_path):
     import xarray
 
