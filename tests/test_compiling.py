@@ -130,6 +130,9 @@ CALLS = {
         jr.critical_width(block(k), 0.7, 0.15 + 0.01 * k, fixed=fixed)
         for fixed in ("slenderness", "height")
     ],
+    "cross_validate": lambda k: jr.calibration.cross_validate(
+        suite(k), [k == 0, True, False], splits=1, samples=64
+    ),
     "damping_from_decay": lambda k: jr.resonance.damping_from_decay(0.5 + 0.1 * k),
     "equivalent_damping": lambda k: jr.resonance.equivalent_damping(0.5 + 0.1 * k),
     "equivalent_damping_as_printed": lambda k: jr.resonance.equivalent_damping_as_printed(
@@ -162,6 +165,9 @@ CALLS = {
     "fit_free_rocking": lambda k: jr.fit_free_rocking(
         impact_times(k), jr.Block(0.1 + 0.01 * k, 5)
     ),
+    "fit_outcomes": lambda k: jr.fit_outcomes(
+        suite(k), [k == 0, True, False], samples=64
+    ).probability(suite(k)),
     "free_motion_margin": lambda k: jr.driven.free_motion_margin(block(k), 0.8, 0.01 * k, 0.1),
     "derivative_based_measures": lambda k: jr.sensitivity.derivative_based_measures(
         jr.rotation_ratio, scene(k), _RANGES, samples=64
@@ -256,6 +262,7 @@ LEFT_OUT = {
     "Inventory": "holds numbers",
     "Site": "holds numbers",
     "Uncertain": "holds numbers",
+    "Population": "holds numbers",
     "assess_inventory": "what computes for it is called: outcomes, required values",
     "read_impact_times": "reads without JAX",
     "read_suite": "reads without JAX",
@@ -282,6 +289,7 @@ ANSWERS = {
     jr.sensitivity.ReliabilityResult,
     jr.calibration.DrivenFit,
     jr.calibration.FreeRockingFit,
+    jr.calibration.OutcomeFit,
     jr.calibration.Outcomes,
     jr.steady.HarmonicOrbit,
     jr.steady.PulsedPhase,

@@ -36,7 +36,7 @@ from jaxrock.calibration.outcomes.search import (
 )
 
 TESTS = 24
-SAMPLES = 256
+SAMPLES = 512
 GROUPS = [f"earthquake {k % 6}" for k in range(TESTS)]
 FIELDS = [field.name for field in Population.__dataclass_fields__.values()]
 
