@@ -313,10 +313,3 @@ def _list_numbers(free: np.ndarray) -> np.ndarray:
     return np.array(
         [*medians, *np.exp(free[3:6]), *np.tanh(free[6:9]), lapse, *np.exp(free[10:])]
     )
-
-
-def _find_quantile(values: np.ndarray, weights: np.ndarray, part: float) -> float:
-    """Find the value below which a part of the weights is, between two draws by a line."""
-    order = np.argsort(values)
-    middles = np.cumsum(weights[order]) - 0.5 * weights[order]
-    return float(np.interp(part, middles, values[order]))
