@@ -424,9 +424,11 @@ def test_blocks_that_cannot_rock_do_not_count():
 
 
 def test_the_uncertain_block_is_that_of_the_population():
-    fit = usual_fit()
-    population = fit.population
-    drawn = fit.uncertain.draw(fit.block, fit.restitution)
+    # Groups deviate so much that correlations have to shrink.
+    population = make_population(correlations=[0.6, -0.5, 0.1], group_deviation=0.3)
+    fit = eqx.tree_at(lambda fit: fit.population, usual_fit(), population)
+    block = jr.Block.from_parameters(population.frequency_parameter, population.critical_angle)
+    drawn = fit.uncertain.draw(block, population.restitution)
     coordinates = np.stack(
         [
             np.log(drawn.block.critical_angle),
