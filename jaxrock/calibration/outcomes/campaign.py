@@ -211,11 +211,8 @@ def _check_groups(
     """Return the names of the groups, in order, and which of them each test belongs to."""
     # Each test is a group of its own.
     labels = range(number) if groups is None else groups
-    if isinstance(labels, str) or not isinstance(labels, Sequence | np.ndarray):
-        raise ValueError(
-            f"groups must be one name for each of {number} motions, got {describe(groups)}"
-        )
-    if len(labels) != number:
+    is_sequence = isinstance(labels, Sequence | np.ndarray) and not isinstance(labels, str)
+    if not is_sequence or len(labels) != number:
         raise ValueError(
             f"groups must be one name for each of {number} motions, got {describe(groups)}"
         )

@@ -186,9 +186,8 @@ def compute_covariance(
 def _convert(prior: Prior, counts: np.ndarray, points: Points) -> tuple[Prior, Reals]:
     """Convert to the type of the points."""
     dtype = points.coordinates.dtype
-    return Prior(*(jnp.asarray(numbers, dtype) for numbers in prior)), jnp.asarray(
-        counts, dtype
-    )
+    converted = Prior(*(jnp.asarray(numbers, dtype) for numbers in prior))
+    return converted, jnp.asarray(counts, dtype)
 
 
 def count_effective_blocks(searched: Searched, points: Points) -> float:
