@@ -32,6 +32,10 @@ ONE_SIDED_RESTITUTION = Domain(
     "between -1 and 1 for a one-sided block", lambda x: abs(x) <= 1, 0.5
 )
 
+# Least ratio of a measured restitution to the one that follows from size, where neither the
+# material nor the support is known.
+MEASURED_OVER_THEORY = 0.85
+
 
 def velocity_after_impact(restitution: Reals, velocity: Reals) -> Reals:
     """Compute the velocity with which a block leaves the ground after an impact."""
@@ -163,3 +167,21 @@ def compute_restitution_by_size(block: Block) -> Reals:
     that an impact stops it.
     """
     return -one_sided_restitution(block) if block.one_sided else housner_restitution(block)
+
+
+def bracket_assumed_restitution(block: Block) -> tuple[Reals, Reals]:
+    """Bracket the restitution of a block of which only the size is known.
+
+    Returns
+    -------
+    low, high : Array, shape (...)
+        ``MEASURED_OVER_THEORY`` times the magnitude that follows from size, and this magnitude.
+    """
+    by_size = compute_restitution_by_size(block)
+    return MEASURED_OVER_THEORY * by_size, by_size
+
+
+def describe_assumed_restitution(block: Block) -> str:
+    """Describe the restitution that follows from the size of one block, as an assumption."""
+    theory = "from size against a wall" if block.one_sided else "Housner's"
+    return f"C = {float(compute_restitution_by_size(block)):.3f} ({theory}, assumed)"

@@ -160,9 +160,10 @@ def test_validation(capsys):
         assert intervals[name][0] < value < intervals[name][1], name
     shown = re.findall(r"```text\n(.*?)```", TEXTS["validation"], re.DOTALL)
     on_page = re.findall(r"\d+\.\d+", "".join(shown))
-    # Motions are chaotic: other processors end some of them otherwise.
+    # Motions are chaotic: other processors end some of them otherwise, which moves the ends of
+    # the widest intervals by a tenth and more.
     assert [float(word) for word in re.findall(r"\d+\.\d+", printed)] == pytest.approx(
-        [float(word) for word in on_page], rel=0.1, abs=0.05
+        [float(word) for word in on_page], rel=0.25, abs=0.05
     )
     scores = namespace["scores"]
     bins = scores.isel(bin=scores.tests.values > 0)

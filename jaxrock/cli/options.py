@@ -12,7 +12,11 @@ import numpy as np
 from cyclopts import Group, Parameter, Token
 
 from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
-from ..impact import compute_restitution_by_size, read_restitution
+from ..impact import (
+    compute_restitution_by_size,
+    describe_assumed_restitution,
+    read_restitution,
+)
 from ..validation import POSITIVE, check
 
 # Panels of the help, in their order below a command's own options; a motion is the second.
@@ -124,6 +128,13 @@ class BlockOptions:
         )
         _warn_of_large(block)
         return block
+
+    @property
+    def restitution_text(self) -> str:
+        """The coefficient of restitution in words, and whether it was given or assumed."""
+        if self.restitution is None:
+            return describe_assumed_restitution(self.block)
+        return f"C = {self.coefficient:.6g}"
 
     @property
     def coefficient(self) -> float:

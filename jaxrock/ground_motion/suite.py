@@ -56,6 +56,8 @@ class Suite(Printed, eqx.Module):
         2 if the second half of the records is the first half with the opposite sign of the
         horizontal acceleration, as `both_directions` gives it. The two directions of a record
         count as one record wherever the number of independent records matters.
+    source : str
+        Where the records come from, in words for those who read an answer; empty if unknown.
 
     Raises
     ------
@@ -79,6 +81,7 @@ class Suite(Printed, eqx.Module):
     ground: "Suite | None"
     floor: Floor | None
     directions: int = eqx.field(static=True)
+    source: str = eqx.field(static=True)
 
     # For messages, as in `check_kind`.
     _reader: ClassVar[str] = "read_suite"
@@ -92,6 +95,7 @@ class Suite(Printed, eqx.Module):
         ground: "Suite | None" = None,
         floor: Floor | None = None,
         directions: int = 1,
+        source: str = "",
     ):
         self.records = check_records(records)
         self.names = check_names(names, len(self.records))
@@ -123,6 +127,7 @@ class Suite(Printed, eqx.Module):
         self.ground = ground
         self.floor = floor
         self.directions = int(directions)
+        self.source = as_text(source)
 
     def __str__(self) -> str:
         ways = " in both directions" * (self.directions == 2)
@@ -161,6 +166,7 @@ class Suite(Printed, eqx.Module):
                 ground=cast("Suite | None", ground),
                 floor=self.floor,
                 directions=find_directions(which, self.recordings, self.directions),
+                source=self.source,
             )
         which = as_text(which)
         if isinstance(which, str):
@@ -274,6 +280,7 @@ class Suite(Printed, eqx.Module):
             ground=None if self.ground is None else self.ground.scaled(factors),
             floor=self.floor,
             directions=self.directions,
+            source=self.source,
         )
 
     def on_floor(
@@ -345,6 +352,7 @@ class Suite(Printed, eqx.Module):
             ground=self,
             floor=floor,
             directions=self.directions,
+            source=self.source,
         )
 
     def both_directions(self) -> "Suite":
@@ -377,14 +385,20 @@ class Suite(Printed, eqx.Module):
             ground=None if self.ground is None else self.ground.both_directions(),
             floor=self.floor,
             directions=2,
+            source=self.source,
         )
 
 
 def describe_suite(suite: Suite) -> dict[str, int | str]:
-    """Make the attributes of a dataset about directions of the records, and their floor."""
-    floor = "given by records" if suite.floor is None else str(suite.floor)
-    on_floor: dict[str, int | str] = {} if suite.ground is None else {"floor": floor}
-    return on_floor if suite.directions == 1 else {"directions": suite.directions, **on_floor}
+    """Make the attributes of a dataset about the source of the records, directions and floor."""
+    described: dict[str, int | str] = {}
+    if suite.source:
+        described["record_source"] = suite.source
+    if suite.directions != 1:
+        described["directions"] = suite.directions
+    if suite.ground is not None:
+        described["floor"] = "given by records" if suite.floor is None else str(suite.floor)
+    return described
 
 
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:

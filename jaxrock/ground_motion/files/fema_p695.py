@@ -73,6 +73,7 @@ def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) 
     return Suite(
         [make_record(component) for component in components],
         [component.name for component in components],
+        source=f"the {record_set} set of FEMA P695, not selected for this site",
     )
 
 

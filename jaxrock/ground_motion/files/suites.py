@@ -129,7 +129,9 @@ def read_suite(
         raise ValueError(
             f"a suite needs at least one horizontal component, got {len(paths)} files"
         )
-    return Suite([*records.values()], [*records])
+    count = f"{len(records)} record{'s' * (len(records) > 1)}"
+    where = f" of the folder {paths[0].resolve().parent.name!r}" if of_folder else ""
+    return Suite([*records.values()], [*records], source=f"{count}{where}")
 
 
 def _list_files(source: StrPath | Iterable[StrPath]) -> tuple[list[Path], bool]:
