@@ -8,7 +8,7 @@ import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
 from ..ground_motion import MEASURES, describe_suite
-from ..host import add_names, make_dataset
+from ..host import add_names, make_dataset, show_progress
 from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -163,7 +163,10 @@ def assess_inventory(
     model = as_model(model)
     reported = _choose_reported_levels(site.hazard, reported_levels)
     groups = group_objects(inventory, site)
-    separate = [_assess_group(group, target, reported, model) for group in groups]
+    separate = [
+        _assess_group(group, target, reported, model)
+        for group in show_progress(groups, "groups of objects")
+    ]
     order = np.argsort(np.concatenate([group.places for group in groups]))
     answers = {
         name: np.concatenate([answer[name] for answer in separate])[order]
