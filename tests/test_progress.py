@@ -4,7 +4,6 @@ import io
 import logging
 import os
 import re
-import sys
 import time
 
 import jax.numpy as jnp
@@ -64,10 +63,11 @@ def check_percents(percents, number):
 
 
 def test_a_bar_on_a_terminal(quick, monkeypatch, caplog):
-    monkeypatch.setattr("sys.stderr", Terminal())
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
     with caplog.at_level(logging.INFO, "jaxrock"):
         assert loop() == [0, 1, 2, 3]
-    assert read_percents(sys.stderr.getvalue(), "steps") == [0, 25, 50, 75, 100]
+    assert read_percents(terminal.getvalue(), "steps") == [0, 25, 50, 75, 100]
     assert caplog.messages == []
 
 
@@ -130,12 +130,13 @@ def test_what_is_over_soon_says_nothing(monkeypatch, caplog):
 
 
 def test_a_part_of_something_larger_says_nothing(quick, monkeypatch, caplog):
-    monkeypatch.setattr("sys.stderr", Terminal())
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
     with hide_progress(), caplog.at_level(logging.INFO, "jaxrock"):
         loop()
         with count_work("motions", 2) as work:
             work.advance()
-    assert sys.stderr.getvalue() == ""
+    assert terminal.getvalue() == ""
     assert caplog.messages == []
 
 

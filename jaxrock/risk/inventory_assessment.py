@@ -163,10 +163,8 @@ def assess_inventory(
     model = as_model(model)
     reported = _choose_reported_levels(site.hazard, reported_levels)
     groups = group_objects(inventory, site)
-    separate = [
-        _assess_group(group, target, reported, model)
-        for group in show_progress(groups, "groups of objects")
-    ]
+    in_turn = show_progress(groups, "groups of objects")
+    separate = [_assess_group(group, target, reported, model) for group in in_turn]
     order = np.argsort(np.concatenate([group.places for group in groups]))
     answers = {
         name: np.concatenate([answer[name] for answer in separate])[order]
