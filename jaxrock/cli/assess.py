@@ -4,7 +4,7 @@ from .. import resonance
 from ..reports import assessment
 from ..validation import POSITIVE, check
 from .answers import Answer
-from .options import BlockOptions, Output
+from .options import BlockOptions, Output, warn_of_intensity
 
 
 def assess(
@@ -35,6 +35,7 @@ def assess(
     c = block_options.coefficient
     if tolerance is not None:
         check("tolerance", tolerance, POSITIVE)
+    warn_of_intensity([intensity])
     scene = resonance.Scene(block, c, intensity)
     answers = assessment.assess(scene, tolerance)
     # Who gives a height thinks of sides, and who gives none of size and slenderness.
