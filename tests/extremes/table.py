@@ -16,8 +16,8 @@ HEAD = f"""# Corners
 
 Printed by `python tests/extremes/table.py`; not to be edited. `test_extremes.py` evaluates
 every cell. "Within" means that all functions are within the bounds below. A number refers to a
-known limit below the tables: there a function exceeds its bound. Unless the name of a corner states
-other values, b = 0.4 m, λ = 5, g = 9.81 m/s², C = 0.7, I = 0.15 m/s.
+known limit below the tables: there a function exceeds its bound. Unless the name of a corner
+states other values, b = 0.4 m, λ = 5, g = 9.81 m/s², C = 0.7, I = 0.15 m/s.
 
 ## Closed forms
 
@@ -28,22 +28,22 @@ half-cycles. x is the stabilized velocity divided by the critical velocity.
 
 - Values: 2 (1 + K) units in the last place. K is the sum of the magnitudes of all elasticities; the
   elasticity to C uses the smaller of C and 1 - C.
-- Gradients: {corners.OF_DERIVATIVES} eps relative to each entry. For answers that do not exist beyond
-  the threshold, this bound is divided by 1 - x².
+- Gradients: {corners.OF_DERIVATIVES} eps relative to each entry. This bound is divided by 1 - x²
+  for answers that do not exist beyond the threshold.
 - Hessians: {corners.OF_DERIVATIVES} eps, divided by 1 - x² likewise, relative to the sum of all
   entries, each multiplied by both its arguments.
-- If the block overturns, values are NaN or infinite and derivatives are 0. If rounding hides whether
-  x is below 1, either result is right.
+- If the block overturns, values are NaN or infinite and derivatives are 0. If rounding hides
+  whether x is below 1, either result is right.
 - Answers below {corners.FLUSHED} times the smallest normal number may be 0.
 - In float32, "1 - 1e-15" is the largest number below 1.
 """
 DRIVEN = """
 ## Driven motion
 
-One block is launched at 0.6 of its critical velocity, or "pushed" by a rectangular pulse with half of
-its critical intensity. Peak, margin, first impact and final rotation are compared with a pendulum in
-tilted gravity, computed by mpmath. Errors are relative to the answer and all its elasticities
-together:
+One block is launched at 0.6 of its critical velocity, or "pushed" by a rectangular pulse with half
+of its critical intensity. Peak, margin, first impact and final rotation are compared with a
+pendulum in tilted gravity, computed by mpmath. Errors are relative to the answer and all its
+elasticities together:
 
 | | value | gradient | Hessian |
 |---|---|---|---|
