@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
-from ..ground_motion import MEASURES, describe_suite
+from ..ground_motion import MEASURES, describe_suite, warn_of_large_intensities
 from ..host import add_names, make_dataset
 from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
@@ -161,6 +161,8 @@ def assess_inventory(
         raise ValueError("site must have a Hazard, got a function")
     check("target", as_real("target", target), POSITIVE)
     model = as_model(model)
+    if reported_levels is not None:
+        warn_of_large_intensities("reported_levels", reported_levels, site.measure)
     reported = _choose_reported_levels(site.hazard, reported_levels)
     groups = group_objects(inventory, site)
     separate = [_assess_group(group, target, reported, model) for group in groups]
