@@ -35,7 +35,7 @@ def assess(
     c = block_options.coefficient
     if tolerance is not None:
         check("tolerance", tolerance, POSITIVE)
-    warn_of_intensity([intensity])
+    warn_of_intensity(intensity)
     scene = resonance.Scene(block, c, intensity)
     answers = assessment.assess(scene, tolerance)
     # Who gives a height thinks of sides, and who gives none of size and slenderness.
