@@ -15,7 +15,6 @@ from typing import ClassVar
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
-
 from latex2mathml.converter import convert
 from sphinx.errors import ExtensionError
 
