@@ -230,11 +230,10 @@ def measure_tradeoff(
         jax.block_until_ready(call())
     once = time.perf_counter() - begin_all
     announce(f"timing {len(calls)} settings {repeats} times takes some {repeats * once:.0f} s")
-    for repeat in show_progress(range(repeats), "timing"):
-        for k, call in enumerate(calls):
-            begin = time.perf_counter()
-            jax.block_until_ready(call())
-            seconds[repeat, k] = time.perf_counter() - begin
+    for repeat, k in show_progress([*np.ndindex(seconds.shape)], "timing"):
+        begin = time.perf_counter()
+        jax.block_until_ready(calls[k]())
+        seconds[repeat, k] = time.perf_counter() - begin
     quartiles = np.quantile(seconds, [0.25, 0.5, 0.75], axis=0).T
     for row, (low, median, high) in zip(rows, quartiles, strict=True):
         row |= {"seconds": median / row["batch"], "spread": (high - low) / median}
@@ -328,18 +327,17 @@ def _compute_truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
         rounding = model_error(scene).rounding["nonlinear"][64]
         floor = max(float(rounding.rotation_ratio), float(rounding.period))
         return np.asarray(_compute_closed_form(sample, Nonlinear())), floor
-    peaks = []
-    for rtol in (1e-9, 1e-10, 1e-11, 1e-12):
-        dials = _Dials("adaptive", 64, 1, "Tsit5", rtol)
-        sample = _vary_size(scene, _SAMPLE, dials)
-        peaks.append(
-            np.stack(
-                [
-                    _compute_answer(dials, _choose_duration(scene), varied_scene)
-                    for varied_scene in sample
-                ]
-            )
+    settings = [
+        _Dials("adaptive", 64, 1, "Tsit5", rtol) for rtol in (1e-9, 1e-10, 1e-11, 1e-12)
+    ]
+    sample = _vary_size(scene, _SAMPLE, settings[0])
+    answers = [
+        _compute_answer(dials, _choose_duration(scene), varied_scene)
+        for dials, varied_scene in show_progress(
+            [*itertools.product(settings, sample)], "motions to compare with"
         )
+    ]
+    peaks = np.stack(answers).reshape(len(settings), _SAMPLE)
     # A stricter tolerance changes less and less, until rounding takes over.
     changes = [float(np.max(np.abs(b / a - 1))) for a, b in itertools.pairwise(peaks)]
     best = int(np.argmin(changes))

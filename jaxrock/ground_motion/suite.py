@@ -57,7 +57,7 @@ class Suite(Printed, eqx.Module):
         horizontal acceleration, as `both_directions` gives it. The two directions of a record
         count as one record wherever the number of independent records matters.
     source : str
-        Where the records come from, in words for those who read an answer; empty if unknown.
+        Where the records come from; empty if unknown.
 
     Raises
     ------
@@ -231,9 +231,7 @@ class Suite(Printed, eqx.Module):
         # of levels would meet those of the scales.
         shape = np.shape(self.records[0].scale)
         if shape and levels.ndim:
-            raise ValueError(
-                f"levels must be one where scales are arrays, of shape {shape} here"
-            )
+            raise ValueError(f"levels must be one where scales have a shape, here {shape}")
         measures = require_positive_measures(self, measure, block)
         return levels[(None,) * measures.ndim] / measures.reshape(
             *measures.shape, *[1] * levels.ndim
@@ -387,18 +385,6 @@ class Suite(Printed, eqx.Module):
             directions=2,
             source=self.source,
         )
-
-
-def describe_suite(suite: Suite) -> dict[str, int | str]:
-    """Make the attributes of a dataset about the source of the records, directions and floor."""
-    described: dict[str, int | str] = {}
-    if suite.source:
-        described["record_source"] = suite.source
-    if suite.directions != 1:
-        described["directions"] = suite.directions
-    if suite.ground is not None:
-        described["floor"] = "given by records" if suite.floor is None else str(suite.floor)
-    return described
 
 
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:

@@ -10,7 +10,7 @@ import numpy as np
 from ..block import Block
 from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions
 from ..ground_motion import Motion, Suite
-from ..host import Printed, format_fields
+from ..host import Printed, count_work, format_fields
 from ..numerics import EvaluatedMargin, find_brackets, find_brackets_traced, refine_brackets
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
@@ -222,7 +222,8 @@ def _compute_boundaries(
     if traced:
         pairs = find_brackets_traced(evaluate, table, search.halvings, search.max_boundaries)
     else:
-        pairs = find_brackets(evaluate, table, search.halvings)
+        with count_work("search for boundaries", table.size):
+            pairs = find_brackets(evaluate, table, search.halvings)
     changes = refine_brackets(evaluate, pairs, traced, search.alone, search.tolerance)
     stands = changes.stands
     falls = changes.falls

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
-from ..host import Printed, format_fields, format_table
+from ..host import Printed, format_fields, format_table, name_work
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Number, Reals, as_name, check_kind
 from .objects import Objects, gather_objects
@@ -218,7 +218,8 @@ def compute_elasticities(
     ends = objects._replace(block=block, restitution=rows["restitution"][first], names=())
     cases = Cases.of(ends, site, model)
     levels = np.asarray(site.levels)
-    rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, accuracy)
+    with name_work("elasticities"):
+        rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, accuracy)
     at_ends = rates.rate[place.reshape(-1)].reshape(len(names), 2, *objects.shape)
     low, high = at_ends.swapaxes(0, 1)
     # A rate of 0 has no elasticity: NaN, without a warning.

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..block import Block
-from ..host import Printed, format_fields
+from ..host import Printed, format_fields, name_work
 from ..impact import read_restitution
 from ..overturning import UNITS
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -185,7 +185,8 @@ def required_value(
     check("target", target, POSITIVE)
     ends = _check_bounds(bounds, search.along)
     parts = (block, read_restitution(block, restitution), site, target)
-    return _search_value(parts, ends=ends, search=search)
+    with name_work(f"required {search.along.replace('_', '-')}"):
+        return _search_value(parts, ends=ends, search=search)
 
 
 class _ValueKind(NamedTuple):
@@ -236,10 +237,12 @@ def _search_value(
     low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
     limits = targets * _BELOW
     cases = Cases.of(objects, site, search.model)
-    strides = choose_strides(np.asarray(site.levels))
+    levels = np.asarray(site.levels)
+    strides = choose_strides(levels)
+    used = [_choose_places_of_levels(levels, stride).size for stride in strides]
     value_search = ValueSearch(
         functools.partial(_estimate_rates, objects, cases, search.along, strides, limits),
-        len(strides),
+        cases.records * np.diff([0, *used]),
         limits,
         search.resolution,
     )
@@ -259,11 +262,9 @@ def _search_value(
         objects, np.arange(objects.number), np.where(exists, values, low), search.along
     )
     cases = cases.replace_objects(changed)
-    levels = np.asarray(site.levels)
     overturned = tabulate_outcomes(cases, levels)
     rates = compute_rates(cases, overturned, levels, _ACCURACY)
-    directions = site.suite.directions
-    bound = bound_not_detected(overturned, np.asarray(site.rates), directions)
+    bound = bound_not_detected(overturned, np.asarray(site.rates), site.suite.directions)
     arrays = {
         "value": values,
         "rate": np.where(exists, rates.rate, np.nan),
@@ -271,13 +272,12 @@ def _search_value(
         "crossings": crossings,
     }
     dtype = np.asarray(objects.restitution).dtype
-    shape = objects.shape
     fields = {
-        name: entries.astype(dtype).reshape((*shape, *entries.shape[1:]))
+        name: entries.astype(dtype).reshape((*objects.shape, *entries.shape[1:]))
         for name, entries in arrays.items()
     }
-    fields["count"] = np.array([a.crossings.size for a in answers]).reshape(shape)
-    fields["complete"] = (exists & ~overturned[..., 0].any(axis=0)).reshape(shape)
+    fields["count"] = np.array([a.crossings.size for a in answers]).reshape(objects.shape)
+    fields["complete"] = (exists & ~overturned[..., 0].any(axis=0)).reshape(objects.shape)
     reasons = tuple(answer.reason for answer in answers)
     return RequiredValue(**jax.device_put(fields), reasons=reasons, along=search.along)
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..ground_motion import Suite, require_positive_measures
+from ..ground_motion import Suite, require_positive_measures, warn_of_large_intensities
 from ..host import Printed
 from ..validation import (
     NON_NEGATIVE,
@@ -103,6 +103,7 @@ class Site(Printed, eqx.Module):
         self.suite = suite
         self.hazard = hazard
         self.levels = _choose_site_levels(hazard, levels, spacing)
+        warn_of_large_intensities("the hazard", self.levels, self.measure)
         self.rates = hazard(self.levels)
         _check_rates(self.rates, self.levels)
         self.intensities = require_positive_measures(suite, self.measure)

@@ -9,7 +9,7 @@ import numpy as np
 from ..block import Block
 from ..driven import Batch, check_batch, follow_batch, require_complete
 from ..ground_motion import Motion, Suite, average_directions
-from ..host import Printed
+from ..host import Printed, count_work
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
 from .driven_answer import change_motion, list_motion_medians
@@ -245,7 +245,9 @@ def outcome_probabilities(
     z = _draw_mixed_samples(len(coefficients), samples, uncertain.seed)
     values = map_normal_numbers(np.concatenate(z), medians, coefficients)
     median = np.array([medians[name] for name in coefficients])
-    answers = _simulate_samples(values, block.one_sided, motion, as_model(model), ratio)
+    motions = len(z) * samples * (len(motion) if isinstance(motion, Suite) else 1)
+    with count_work("samples", motions):
+        answers = _simulate_samples(values, block.one_sided, motion, as_model(model), ratio)
     shape = (*answers.shape[:2], len(z), samples)
     answers = np.moveaxis(answers.reshape(shape), 2, 0)
     outcomes = answers[0, 1:]

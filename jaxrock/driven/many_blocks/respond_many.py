@@ -15,9 +15,9 @@ from ...host import (
     Printed,
     Status,
     count_processors,
+    count_work,
     format_fields,
     map_in_threads,
-    show_progress,
 )
 from ...impact import read_restitution
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -363,7 +363,8 @@ def simulate_batch(
             part, rows, number, control, program=program, lanes=_LANES
         )
     else:
-        result = _follow_groups(batch.ground, rows, control, program)
+        with count_work("motions", rows.shape[1]):
+            result = _follow_groups(batch.ground, rows, control, program)
     shape = batch.shape
     return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
@@ -378,7 +379,7 @@ def _follow_groups(
     group = np.searchsorted(ground.begins, rows[-1], side="right") - 1
     separate = []
     places = []
-    for k, part in enumerate(show_progress(ground.parts, "groups of records")):
+    for k, part in enumerate(ground.parts):
         (place,) = np.nonzero(group == k)
         group_rows = rows[:, place]
         group_rows[-1] -= ground.begins[k]
@@ -431,9 +432,12 @@ def _share_out(
         if len(devices) > 1 or not on_processor:
             placed = jax.device_put(placed, devices[k % len(devices)])
         result = follow(*placed, count, control, program=program, lanes=lanes)
-        return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
+        result = jax.device_get(result)
+        work.advance(count)
+        return jax.tree.map(lambda leaf: leaf[:count], result)
 
-    separate = map_in_threads(follow_piece, range(pieces), min(workers, pieces))
+    with count_work("motions", size) as work:
+        separate = map_in_threads(follow_piece, range(pieces), min(workers, pieces))
 
     def put_together(*parts: np.ndarray) -> np.ndarray:
         whole = np.empty(size, parts[0].dtype)

@@ -26,6 +26,7 @@ wrong in the response and in both companions. And rounding may decide in all thr
 way, whether a block comes to rest.
 """
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -34,7 +35,7 @@ import numpy as np
 
 from ...block import Block
 from ...ground_motion import Motion, Suite
-from ...host import Printed, format_fields
+from ...host import Printed, count_work, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check
 from .batch import Batch
@@ -170,7 +171,9 @@ def respond_within(
     batch = Batch.of(blocks, restitution, motion, duration)
     if batch.traced:
         raise ValueError("arguments must be concrete here: tolerances follow from the answers")
-    return follow_within(batch, tolerance, as_model(model))
+    # A response has two companions at most, and few are simulated in a second round.
+    with count_work("motions and their errors", 3 * math.prod(batch.shape)):
+        return follow_within(batch, tolerance, as_model(model))
 
 
 def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> EstimatedResponse:

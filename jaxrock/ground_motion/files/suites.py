@@ -124,7 +124,13 @@ def read_suite(
             faults.append(str(error))
     if faults:
         # Two components of one file may have the same fault.
-        raise ValueError("\n".join(dict.fromkeys(faults)))
+        lines = [*dict.fromkeys(faults)]
+        if of_folder and not records and len(lines) > 1:
+            folder = str(paths[0].parent)
+            lines.insert(
+                0, f"{folder!r}: none of the {len(paths)} files is a record to be read"
+            )
+        raise ValueError("\n".join(lines))
     if not records:
         raise ValueError(
             f"a suite needs at least one horizontal component, got {len(paths)} files"
