@@ -26,7 +26,7 @@ from ..tables import write_csv
 from ..validation import POSITIVE, check, check_increasing
 from .answers import Answer, describe_options, save_picture
 from .motion_options import SuiteOptions
-from .options import FileOutput, Folder, Grid, ModelName, read_numbers, refuse
+from .options import FileOutput, Folder, Grid, ModelName, read_numbers, refuse_beside
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -110,7 +110,7 @@ def inventory(
         names = _FILES
     rate = _read_target(target, target_return_period)
     if hazard is None:
-        raise ValueError("hazard must be given")
+        raise ValueError("--hazard must be given: a .csv file of levels and rates per year")
     if any(objects.one_sided) and suite_options.direction not in (None, "both"):
         raise ValueError(
             "direction must be both, or not given, where objects are one-sided, got"
@@ -144,21 +144,25 @@ def _read_target(target: float | None, period: float | None) -> float:
     """Read the target as a rate [1/yr], from the rate or its return period."""
     if target is not None and period is not None:
         raise ValueError(
-            f"target and target_return_period exclude each other, got {target:g} and {period:g}"
+            f"target and target_return_period exclude each other, got {target:g} and"
+            f" {period:g}: leave out one of them"
         )
     if period is not None:
         check("target_return_period", period, POSITIVE)
         return 1 / period
     if target is None:
-        raise ValueError("target or target_return_period must be given, got neither")
+        raise ValueError(
+            "target or target_return_period must be given, got neither;"
+            " --target-return-period 475 tolerates one overturning in 475 years"
+        )
     check("target", target, POSITIVE)
     return target
 
 
 def _read_example(suite_options: SuiteOptions, measure: str) -> tuple[Inventory, Hazard]:
     """Read the example, which has a hazard of its own."""
-    refuse(
-        "a file of objects",
+    refuse_beside(
+        "example",
         hazard=suite_options.hazard,
         hazard_unit=suite_options.hazard_unit,
         hazard_site=suite_options.hazard_site,

@@ -29,8 +29,8 @@ from .reversal import average_directions as average_directions
 from .reversal import split_directions as split_directions
 from .still import Still
 from .suite import Suite
-from .suite import describe_suite as describe_suite
 from .suite import require_positive_measures as require_positive_measures
+from .suite_description import describe_suite as describe_suite
 
 __all__ = [
     "Cosine",

@@ -1,4 +1,4 @@
-"""Risk of motion beyond a limit at a site: fragility, rates, what would bring them to a target."""
+"""Risk at a site: fragility curves, rates of overturning, and sizes that meet a target rate."""
 
 from .example_inventory import EXAMPLE_FILES as EXAMPLE_FILES
 from .example_inventory import read_example_inventory as read_example_inventory

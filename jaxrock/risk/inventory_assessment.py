@@ -8,6 +8,7 @@ import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
 from ..ground_motion import warn_of_large_intensities
+from ..host import show_progress
 from ..impact import bracket_assumed_restitution
 from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
@@ -141,7 +142,8 @@ def assess_inventory(
         warn_of_large_intensities("a reported level", reported_levels, site.measure)
     reported = _choose_reported_levels(site.hazard, reported_levels)
     groups = group_objects(inventory, site)
-    separate = [_assess_group(group, target, reported, model) for group in groups]
+    in_turn = show_progress(groups, "groups of objects")
+    separate = [_assess_group(group, target, reported, model) for group in in_turn]
     order = np.argsort(np.concatenate([group.places for group in groups]))
     answers = {
         name: np.concatenate([answer[name] for answer in separate])[order]
