@@ -4,7 +4,7 @@ from .. import resonance
 from ..reports import assessment
 from ..validation import POSITIVE, check
 from .answers import Answer
-from .options import BlockOptions, Output, refuse
+from .options import BlockOptions, Output, refuse, warn_of_intensity
 
 
 def assess(
@@ -36,9 +36,10 @@ def assess(
     block = block_options.block
     c = block_options.coefficient
     if intensity is None:
-        refuse("an intensity", tolerance=tolerance)
+        refuse("--intensity", tolerance=tolerance)
         answers = assessment.assess_block(block, c)
     else:
+        warn_of_intensity([intensity])
         if tolerance is not None:
             check("tolerance", tolerance, POSITIVE)
         answers = assessment.assess(resonance.Scene(block, c, intensity), tolerance)
