@@ -32,11 +32,11 @@ ONE_SIDED_RESTITUTION = Domain(
     "between -1 and 1 for a one-sided block", lambda x: abs(x) <= 1, 0.5
 )
 
-# Ratio of a measured restitution to the one that follows from size: the low end to compute with
-# where neither the material nor the support is known. Measured were 0.95 and 0.97 of concrete
-# on concrete (doi:10.1201/9781003060888-45), 0.95 of walls (doi:10.1007/s10518-011-9291-1), 0.75
-# to 0.97 of two rocks (docs/validation.md). Rubber is beyond: 0.67. So are contacts inside of the
-# edges, above 1. docs/restitution.md has all of them.
+# Ratio of a measured restitution to the one that follows from size: the low end to compute
+# with where neither the material nor the support is known. Measured were 0.95 and 0.97 of
+# concrete on concrete (doi:10.1201/9781003060888-45), 0.95 of walls
+# (doi:10.1007/s10518-011-9291-1), 0.75 to 0.97 of two rocks (docs/validation.md). Rubber is
+# below it: 0.67. Contacts inside of the edges are above 1. See docs/restitution.md.
 MEASURED_OVER_THEORY = 0.85
 
 
