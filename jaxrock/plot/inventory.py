@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from ..risk import describe_need
-from .axes import ACCENT, INK, LINE, QUANTILE, label_axes
+from .axes import ACCENT, INK, LINE, QUANTILE, check_dataset, label_axes
 
 _MOST = 60  # objects that are drawn; more would not be read
 # Decades that an axis has at least, so that a single object does not fill it.
@@ -35,6 +35,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
+    check_dataset("dataset", dataset, ("object",), "assess_inventory(inventory, site, target)")
     shown = dataset.isel(object=slice(None, _MOST))
     number = shown.object.size
     has_new_axes = ax is None

@@ -36,7 +36,7 @@ from ...block import Block
 from ...ground_motion import Motion, Suite
 from ...host import Printed, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check
+from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check, check_concrete
 from .batch import Batch
 from .respond_many import (
     BatchResponse,
@@ -168,8 +168,7 @@ def respond_within(
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     restitution, duration = check_batch(blocks, restitution, motion, duration)
     batch = Batch.of(blocks, restitution, motion, duration)
-    if batch.traced:
-        raise ValueError("arguments must be concrete here: tolerances follow from the answers")
+    check_concrete(batch, "tolerances follow from the answers")
     return follow_within(batch, tolerance, as_model(model))
 
 
