@@ -71,7 +71,7 @@ def compared(code, namespace):
         ("paper", 4),
         ("conformance", 0),
         ("one_sided", 4),
-        pytest.param("sharp_edges", 15, marks=pytest.mark.thorough),
+        pytest.param("sharp_edges", 17, marks=pytest.mark.thorough),
     ],
 )
 def test_code_gives_what_it_says(page, count):
