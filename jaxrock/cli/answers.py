@@ -76,6 +76,7 @@ def describe_options(
             described |= dataclasses.asdict(value)
             described["slenderness"] = float(value.block.slenderness)
             described["restitution"] = value.coefficient
+            described["restitution_assumed"] = value.restitution is None
         elif dataclasses.is_dataclass(value) and not isinstance(value, type):
             described |= dataclasses.asdict(value)
         else:

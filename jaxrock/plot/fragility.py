@@ -13,6 +13,7 @@ from .axes import (
     INK,
     LIGHT,
     NEUTRAL,
+    check_dataset,
     get_axes,
     label_axes,
     tick_decades,
@@ -46,6 +47,9 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ValueError
         If the dataset is of many objects.
     """
+    check_dataset(
+        "dataset", dataset, ("level", "threshold"), "fragility(block, restitution, suite)"
+    )
     if "object" in dataset.dims:
         raise ValueError(
             "dataset must be of one object, as dataset.sel(object=...) selects it"

@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
 from ..risk import describe_need
-from .axes import ACCENT, INK, LINE, QUANTILE, label_axes
+from .axes import ACCENT, INK, LINE, QUANTILE, check_dataset, label_axes
 
 _MOST = 60  # objects that one picture has at most; more would not be read
 _PER_PAGE = 15  # objects of a picture that is printed as wide as a page
@@ -42,6 +42,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
+    check_dataset("dataset", dataset, ("object",), "assess_inventory(inventory, site, target)")
     return _draw_objects(dataset.isel(object=slice(None, _MOST)), ax)
 
 
@@ -58,6 +59,7 @@ def plot_inventory_parts(dataset: xarray.Dataset) -> list[Axes]:
     list of matplotlib.axes.Axes
         With the same ends, each in a figure of its own.
     """
+    check_dataset("dataset", dataset, ("object",), "assess_inventory(inventory, site, target)")
     ends = _choose_ends(dataset)
     starts = range(0, dataset.object.size, _PER_PAGE)
     parts = [dataset.isel(object=slice(start, start + _PER_PAGE)) for start in starts]

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from ..sensitivity import OutcomeProbabilities, describe_parameter
 from ..validation import as_name
-from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, get_axes, label_axes
+from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, check_result, get_axes, label_axes
 
 
 def plot_outcome_probabilities(
@@ -25,6 +25,9 @@ def plot_outcome_probabilities(
     matplotlib.axes.Axes
         The axes drawn on.
     """
+    check_result(
+        "probabilities", probabilities, OutcomeProbabilities, "outcome_probabilities(...)"
+    )
     ax = get_axes(ax, figsize=(5.6, 2.6))
     rows = np.arange(len(probabilities.outcomes))[::-1]
     ax.barh(rows, probabilities.probability, height=0.5, color=LIGHT, label="all samples")
@@ -72,6 +75,9 @@ def plot_sobol_indices(
     ValueError
         If there is no such answer.
     """
+    check_result(
+        "probabilities", probabilities, OutcomeProbabilities, "outcome_probabilities(...)"
+    )
     answer = as_name("answer", answer, probabilities.answers)
     ax = get_axes(ax, figsize=(5.0, 1.6 + 0.5 * len(probabilities.sources)))
     k = probabilities.answers.index(answer)

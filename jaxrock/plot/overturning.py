@@ -14,6 +14,7 @@ from .axes import (
     ACCENT,
     INK,
     NEUTRAL,
+    check_result,
     get_axes,
     label_axes,
     tick_decades,
@@ -64,6 +65,7 @@ def plot_boundaries(
     >>> boundaries = jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0))
     >>> axes = jr.plot.plot_boundaries(boundaries, (0.01, 1.0))
     """
+    check_result("boundaries", boundaries, Boundaries, "overturning_boundaries(...)")
     if np.ndim(boundaries.count):
         raise ValueError(
             f"boundaries must be of one block, got an array of shape {np.shape(boundaries.count)}"
@@ -166,6 +168,7 @@ def plot_critical_intensity(
     >>> import jaxrock as jr
     >>> axes = jr.plot.plot_critical_intensity(jr.Block(0.4, 5.0), 0.7, intensity=0.3)
     """
+    check_result("block", block, Block, "Block.from_size(width=..., height=...)")
     ax = get_axes(ax, figsize=(6.4, 4.2))
     count = np.arange(1.0, _MOST_HALF_CYCLES + 1)
     # The models are often too close to be told apart: circles around points.

@@ -18,6 +18,7 @@ from .axes import (
     INK,
     LIGHT,
     LINE,
+    check_result,
     get_axes,
     label_axes,
     write_label,
@@ -60,6 +61,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     >>> bars = jr.tornado(jr.rotation_ratio, wall, {"restitution": (0.6, 0.8)})
     >>> axes = jr.plot.plot_tornado(bars, label="rotation ratio [-]")
     """
+    check_result("bars", bars, TornadoBars, "tornado(answer, at, ranges)")
     rows = np.arange(len(bars.names))[::-1]
     names = [
         _wrap_name(write_parameter_label(name, varied=name in ("half_width", *bars.sides)))
@@ -180,6 +182,9 @@ def plot_sensitivity_map(
     ValueError
         If there are not two dimensions.
     """
+    check_result(
+        "sensitivities", sensitivities, xarray.DataArray, "xarray.DataArray(values, axes)"
+    )
     if sensitivities.ndim != 2:
         raise ValueError(f"sensitivities must have two dimensions, got {sensitivities.dims}")
     ax = get_axes(ax)
