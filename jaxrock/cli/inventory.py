@@ -220,7 +220,8 @@ def _collect_columns(
         "name": assessed.object.values.tolist(),
     }
     units: dict[str, str] = {}
-    for name, variable in assessed.data_vars.items():
+    for name in map(str, assessed.data_vars):
+        variable = assessed[name]
         unit = variable.attrs.get("units", "")
         if name == "required_width":
             columns[name] = _list_required_widths(assessed)
