@@ -105,9 +105,9 @@ def housner_restitution(block: Block) -> Reals:
     below a slenderness of 0.707: such a block does not rock on.
 
     It is an upper bound for a block that touches a hard floor at its edges only: on concrete
-    0.95 to 0.97 of it were measured, on rubber 0.67 (doi:10.1201/9781003060888-45). Blocks with
-    contacts inside of their edges lose less. The page "Which restitution?" of the documentation
-    has more measurements.
+    0.95 to 0.97 of it were measured, on rubber 0.67 (doi:10.1201/9781003060888-45). Blocks
+    with contacts inside of their edges lose less. The page "Which restitution?" of the
+    documentation has more measurements.
 
     Parameters
     ----------
@@ -171,8 +171,8 @@ def one_sided_restitution(block: Block) -> Reals:
 def compute_restitution_by_size(block: Block) -> Reals:
     """Compute the restitution of a block of either kind from its size.
 
-    It is Housner's, or the magnitude of `one_sided_restitution`; negative for a block so stocky
-    that an impact stops it.
+    It is Housner's, or the magnitude of `one_sided_restitution`; negative for a block so
+    stocky that an impact stops it.
     """
     return -one_sided_restitution(block) if block.one_sided else housner_restitution(block)
 
@@ -186,7 +186,8 @@ def bracket_assumed_restitution(block: Block) -> tuple[Reals, Reals]:
     Returns
     -------
     low, high : Array, shape (...)
-        ``MEASURED_OVER_THEORY`` times the magnitude that follows from size, and this magnitude.
+        ``MEASURED_OVER_THEORY`` times the magnitude that follows from size, and this
+        magnitude.
     """
     by_size = compute_restitution_by_size(block)
     return MEASURED_OVER_THEORY * by_size, by_size
