@@ -146,9 +146,7 @@ def _require_single(name: str, scene: Scene) -> None:
     """Raise `ValueError` for a scene that holds arrays."""
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
-        raise ValueError(
-            f"{name} must be a single one to be assessed, got an array of {shape}"
-        )
+        raise ValueError(f"{name} must be single to be assessed, got an array of {shape}")
 
 
 def _run_programs(scene: Scene, describe: Program, compute: Program) -> Answers:
