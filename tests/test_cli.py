@@ -99,6 +99,11 @@ def write_inputs(folder):
     (folder / "tests.csv").write_text(
         "file,scale,overturned\nmotion.csv,1,no\nmotion.csv,2,yes\n"
     )
+    (folder / "sites.csv").write_text(
+        "# investigation_time=50.0, imt=PGA\nlon,lat,poe-0.1,poe-0.3\n10.5,45,0.5,0.1\n"
+        "11.5,46,0.4,0.05\n"
+    )
+    (folder / "short.csv").write_text("0\n0.964\n")
     (folder / "times.csv").write_text("0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n")
 
 
@@ -589,7 +594,7 @@ def test_sensitivity_of_a_block_that_falls(capsys, tmp_path):
     falls = ("sensitivity", *SINE, "--amplitude", 9, "--width", 0.2, "--restitution", 0.9)
     code, _, err = run(capsys, *falls, "--out", tmp_path / "out")
     assert code == 2
-    assert "answer rotation-ratio does not exist here: the block overturns" in err
+    assert "--answer rotation-ratio does not exist here: the block overturns" in err
     assert not (tmp_path / "out").exists()
 
 

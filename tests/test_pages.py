@@ -265,7 +265,8 @@ def test_the_new_command_of_the_architecture_works(tmp_path, monkeypatch, capsys
     exit_code, output, errors = run_command(capsys, *line.split())
     assert (exit_code, errors) == (0, "")
     assert output.splitlines()[1:] == [str(Path("uplift", "uplift.csv"))]
-    factor = re.fullmatch(r"lifted from factor (\S+) on the motion on", output.splitlines()[0])
+    sentence = r"the block lifts once the motion is multiplied by (\S+) or more"
+    factor = re.fullmatch(sentence, output.splitlines()[0])
     table = (tmp_path / "uplift" / "uplift.csv").read_text(encoding="utf-8")
     assert float(table.splitlines()[-1]) == pytest.approx(float(factor[1]), rel=1e-3)
     assert "# record: example" in table
@@ -331,7 +332,7 @@ def test_the_recipe_asks_for_what_the_package_asks_for():
     asked = set(re.findall(r"- (\S+) >=(\d\S*)", run.replace("-base ", " ").lower()))
     assert asked == {tuple(each.lower().split(">=")) for each in project["dependencies"]}
     for path in (ROOT / "CITATION.cff", ROOT / "packaging" / "recipe.yaml"):
-        stated = re.search(r"^ *version: \"?([\d.]+)", path.read_text(encoding="utf-8"), re.M)[
+        stated = re.search(r"^ *version: \"?([\w.]+)", path.read_text(encoding="utf-8"), re.M)[
             1
         ]
         assert stated == project["version"], path

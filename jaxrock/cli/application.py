@@ -11,6 +11,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
+from typing import get_args
 
 import jax
 from cyclopts import App, CycloptsError, Parameter
@@ -24,12 +25,14 @@ from .fit import fit
 from .fragility import fragility
 from .harmonic import harmonic
 from .inventory import inventory
+from .options import GRID_HELP, Grid
 from .paper import paper
 from .respond import respond
 from .sensitivity import sensitivity
 from .spectra import rocking_spectrum, spectrum
 from .tradeoff import tradeoff
 from .validate import validate
+from .wrong_calls import describe_wrong_call, name_options
 
 # In the order in which help lists them, the first for newcomers. The name of a command is the
 # one of its function, with dashes; its options are the parameters, its help is the docstring.
@@ -64,7 +67,11 @@ def make_application() -> App:
         help_format="markdown",
     )
     for place, command in enumerate(COMMANDS):
-        application.command(command, sort_key=place)
+        kinds = command.__annotations__.values()
+        takes_grid = any(Grid in (kind, *get_args(kind)) for kind in kinds)
+        application.command(
+            command, sort_key=place, help_epilogue=GRID_HELP if takes_grid else None
+        )
     application.register_install_completion_command()
     return application
 
@@ -106,15 +113,22 @@ def _compute_answer(words: Sequence[str]) -> Answer | None:
     except FileNotFoundError:
         # JAX asks for it, and its error does not say why.
         raise ValueError("the current folder is gone; change to one that exists") from None
+    if "" in words:
+        raise ValueError(f"{words[words.index('') - 1]} must have a value, got ''")
     application = make_application()
     try:
         command, given, _ = application.parse_args(
             words, print_error=False, exit_on_error=False
         )
     except CycloptsError as error:
-        raise ValueError(str(error)) from None
-    with keep_compiled():
-        answer = command(*given.args, **given.kwargs)
+        raise ValueError(describe_wrong_call(error, words, application)) from None
+    try:
+        with keep_compiled():
+            answer = command(*given.args, **given.kwargs)
+    except ValueError as error:
+        if words[0] not in application:  # help and the version
+            raise
+        raise ValueError(name_options(str(error), application[words[0]])) from error
     # Help and the version are functions of cyclopts, which print when they are called.
     return answer if isinstance(answer, Answer) else None
 

@@ -15,7 +15,17 @@ from .answers import Answer, describe_options, list_rows, save_picture
 from .critical_motion import Quantity, find_limits, plan_search
 from .critical_pulses import UNITS_OF_LIMITS, compute_limits
 from .motion_options import MotionOptions
-from .options import BlockOptions, FileOutput, Folder, Grid, ModelName, read_numbers, refuse
+from .options import (
+    BlockOptions,
+    FileOutput,
+    Folder,
+    Grid,
+    ModelName,
+    read_numbers,
+    refuse,
+    refuse_beside,
+    warn_of_intensity,
+)
 
 _FILES = ("critical.csv", "critical.png")
 _UNITS = {
@@ -69,12 +79,13 @@ def critical(
     pulse = 0.15 if intensity is None else intensity
     counts = (1.0, 2.0, 5.0, math.inf) if half_cycles is None else half_cycles
     if motion_options.given:
-        refuse("instantaneous pulses", intensity=intensity, half_cycles=half_cycles)
+        refuse_beside("--pulse or --record", intensity=intensity, half_cycles=half_cycles)
         search = plan_search(block_options, motion_options, along, values, model)
     else:
-        refuse("a pulse or a record", along=along, values=values, model=model)
-        motion_options.refuse_all("a pulse or a record")
+        refuse("--pulse or --record", along=along, values=values, model=model)
+        motion_options.refuse_all("--pulse or --record")
         check("intensity", pulse, NON_NEGATIVE)
+        warn_of_intensity(pulse)
         options |= {"intensity": pulse, "half_cycles": counts}
         for count in read_numbers("half_cycles", counts):
             check("half_cycles", count, COUNT)

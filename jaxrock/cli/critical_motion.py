@@ -20,7 +20,7 @@ from ..overturning import (
 )
 from .critical_pulses import Limits
 from .motion_options import MotionOptions
-from .options import BlockOptions, Grid, ModelName, read_numbers, refuse
+from .options import BlockOptions, Grid, ModelName, read_numbers, refuse, write_option
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -77,13 +77,16 @@ def plan_search(
     if along in ("amplitude", "duration"):
         name = "amplitude" if along == "amplitude" else "pulse_duration"
         if options.pulse is None:
-            raise ValueError(f"along {along} goes with a pulse; a record has a factor")
+            raise ValueError(
+                f"--along {along} goes with --pulse only; with --record seek --along factor"
+            )
         if getattr(options, name) is not None:
             raise ValueError(
-                f"{name} is sought and must not be given, got {getattr(options, name):g}"
+                f"{write_option(name)} is sought, got {getattr(options, name):g}: leave it out, or"
+                " seek another quantity with --along"
             )
         if along == "amplitude":
-            refuse("an amplitude that is given", scale=options.scale)
+            refuse("--amplitude and --along", scale=options.scale)
         # A pulse needs a value of the quantity sought, which the search replaces: 1 stands in.
         options = replace(options, **{name: 1.0})
     motion = options.read()
@@ -92,7 +95,9 @@ def plan_search(
         examined = np.asarray(read_numbers("values", values))
         check_subject(block, restitution, motion, along, examined)
     elif along not in ("factor", "amplitude"):
-        raise ValueError(f"values must be given along {along}")
+        raise ValueError(
+            f"--values must be given with --along {along}, such as --values START:STOP:COUNT"
+        )
     return BoundarySearch(
         block, restitution, motion, along, examined, model or "nonlinear", title
     )
@@ -175,7 +180,7 @@ def _write_lines(
 def _describe_uplift(along: str, uplift: float) -> str:
     """Describe what lifts the block: an amplitude where it is sought, else a factor."""
     if math.isinf(uplift):
-        return "the motion lifts the block with no factor"
+        return "no factor on the motion lifts the block"
     if along == "amplitude":
         return f"the pulse lifts the block once its amplitude is {uplift:.4g} m/s2 or more"
     lifts = f"lifts once the motion is multiplied by {uplift:.4g} or more"

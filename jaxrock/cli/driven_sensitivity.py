@@ -23,7 +23,7 @@ from ..tables import write_csv
 from ..validation import POSITIVE, check
 from .answers import Answer, list_rows, save_picture
 from .motion_options import MotionOptions, put_on_floor, read_records, turn_suite
-from .options import FileOutput, refuse
+from .options import FileOutput, refuse_beside
 from .sensitivity_question import UNITS_OF_PARAMETERS, Question
 
 _FILES = ("sensitivity.csv", "probabilities.csv", "probabilities.png")
@@ -76,7 +76,7 @@ def ask_driven(
     """Read the motion, and add its parameters to the question."""
     if question.answer not in _ANSWERS:
         raise ValueError(
-            "answer must be rotation-ratio, rotation or margin under a pulse or a record,"
+            "--answer must be rotation-ratio, rotation or margin under a ground motion,"
             f" got {question.answer}"
         )
     probable_ratio = 0.5 if ratio is None else ratio
@@ -111,9 +111,11 @@ def _read_suite(options: MotionOptions, records: str, one_sided: bool) -> Suite:
     """Read the records of a folder, or take those of a name; both directions if one-sided."""
     if options.given:
         motion = options.pulse or options.record
-        raise ValueError(f"records exclude a pulse and a record, got {records} and {motion}")
+        raise ValueError(
+            f"--records excludes --pulse and --record, got {records} and {motion}"
+        )
     of_motion = ("amplitude", "pulse_duration", "column", "vertical")
-    refuse("one motion", **{name: getattr(options, name) for name in of_motion})
+    refuse_beside("--records", **{name: getattr(options, name) for name in of_motion})
     suite = read_records(records, options.unit, options.time_step)
     suite = put_on_floor(suite, options.floor_period, options.floor_damping)
     return turn_suite(suite, None, one_sided)

@@ -11,6 +11,7 @@ from ..tables import write_csv
 from ..validation import POSITIVE, check
 from .answers import Answer, describe_options, list_rows, save_picture
 from .options import FileOutput, Folder, ModelName, SizeOptions, refuse
+from .wrong_calls import naming_arguments
 
 _FILES = ("fit.csv", "fit.png")
 _UNITS = {
@@ -18,6 +19,8 @@ _UNITS = {
     **dict.fromkeys(("velocity_ratio", "restitution", "restitution_error"), "-"),
     **dict.fromkeys(("peak_rotation", "rotation_residual"), "rad"),
 }
+# What a remark of the library advises, and the option for it.
+_ADVICE = ("frequency_known=False", "--frequency-unknown")
 _SUMMARY = (
     *("time_noise", "rotation_noise", "restitution_change", "restitution_change_error"),
     *("restitution_change_p_value", "frequency_p_value", "degrees_of_freedom"),
@@ -70,7 +73,7 @@ def fit(
         block = size_options.make_block(size_options.width)
     else:
         unknown = {"frequency_unknown": frequency_unknown or None, "model": model}
-        refuse("a width", **vars(size_options), **unknown)
+        refuse("--width", **vars(size_options), **unknown)
     for name, noise in (("time_noise", time_noise), ("rotation_noise", rotation_noise)):
         if noise is not None:
             check(name, noise, POSITIVE)
@@ -81,21 +84,25 @@ def fit(
     with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_free_rocking_fit
 
-        fitted = fit_free_rocking(
-            times,
-            block,
-            peak_rotations=peaks,
-            model=model,
-            frequency_known=not frequency_unknown,
-            time_noise=time_noise,
-            rotation_noise=rotation_noise,
-            repair=not no_repair,
-        )
+        with naming_arguments(
+            impact_times=f"impacts in {str(file)!r}", peak_rotations=f"peaks in {str(file)!r}"
+        ):
+            fitted = fit_free_rocking(
+                times,
+                block,
+                peak_rotations=peaks,
+                model=model,
+                frequency_known=not frequency_unknown,
+                time_noise=time_noise,
+                rotation_noise=rotation_noise,
+                repair=not no_repair,
+            )
         columns = _collect_columns(fitted, peaks)
         write_csv(folder / "fit.csv", columns, _UNITS, about)
         save_picture(plot_free_rocking_fit(fitted), folder / "fit.png")
     data = {"model": fitted.model, **_summarize(fitted), "rows": list_rows(columns)}
-    return Answer(str(fitted), data, output, [out / name for name in _FILES])
+    text = str(fitted).replace(*_ADVICE)
+    return Answer(text, data, output, [out / name for name in _FILES])
 
 
 def _collect_columns(fit: FreeRockingFit, peaks: np.ndarray | None) -> dict[str, list[object]]:
@@ -126,4 +133,5 @@ def _summarize(fit: FreeRockingFit) -> dict[str, object]:
     }
     summary = {name: float(getattr(fit, name)) for name in _SUMMARY}
     counts = {"impacts": fit.used.size, "used": int(fit.used.sum())}
-    return {**counts, **values, "standard_errors": errors, **summary, "remarks": fit.remarks}
+    remarks = [remark.replace(*_ADVICE) for remark in fit.remarks]
+    return {**counts, **values, "standard_errors": errors, **summary, "remarks": remarks}

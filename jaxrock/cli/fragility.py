@@ -33,6 +33,7 @@ from .options import (
     refuse,
 )
 from .stores import write_store
+from .wrong_calls import naming_arguments, suggest_number
 
 if TYPE_CHECKING:
     import xarray
@@ -90,7 +91,8 @@ def fragility(
     c = block_options.coefficient
     suite = suite_options.read_suite(block.one_sided)
     thresholds = [_read_threshold(word) for word in threshold]
-    name_thresholds(thresholds)
+    with naming_arguments(thresholds="--threshold"):
+        name_thresholds(thresholds)
     check("tolerance", tolerance, POSITIVE)
     # Every record must have some of the measure, or it could not be scaled to a level.
     suite.factors(1.0, measure, block)
@@ -100,7 +102,8 @@ def fragility(
     if uncertainty is not None:
         options["samples"] = uncertainty.samples
         # Drawn once here, so that a name that is none is refused before anything is computed.
-        uncertainty.draw(block, c, on_floor=suite.floor is not None)
+        with naming_arguments(coefficients_of_variation="--uncertain"):
+            uncertainty.draw(block, c, on_floor=suite.floor is not None)
     about = describe_options("fragility", options)
     if block_options.restitution is None:
         about["restitution_assumed"] = block_options.restitution_text
@@ -166,7 +169,7 @@ def _read_threshold(word: str) -> float | str:
 def _read_uncertain(words: tuple[str, ...], samples: int | None) -> Uncertain | None:
     """Read what is uncertain; None without any."""
     if not words:
-        refuse("uncertain", samples=samples)
+        refuse("--uncertain", samples=samples)
         return None
     coefficients = dict[str, float]()
     for word in words:
@@ -175,7 +178,8 @@ def _read_uncertain(words: tuple[str, ...], samples: int | None) -> Uncertain | 
             coefficients[name] = float(value)
         except ValueError:
             raise ValueError(
-                f"uncertain must be NAME=NUMBER, such as restitution=0.05, got {word!r:.60}"
+                f"--uncertain must be NAME=NUMBER, such as restitution=0.05, got {word!r:.60}"
+                f"{suggest_number(value)}"
             ) from None
     return Uncertain(coefficients, samples=64 if samples is None else samples)
 

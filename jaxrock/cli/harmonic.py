@@ -79,11 +79,11 @@ def harmonic(
     width = size_options.width
     if width is None:
         of_size = {"height": size_options.height, "gravity": size_options.gravity}
-        refuse("a width", **of_size, frequency=frequency, amplitude=amplitude)
+        refuse("--width", **of_size, frequency=frequency, amplitude=amplitude)
     elif frequency_ratio is not None or amplitude_ratio is not None:
         raise ValueError(
-            "frequency_ratio and amplitude_ratio exclude a width, with which frequency in Hz"
-            " and amplitude in m/s2 are given"
+            "--frequency-ratio and --amplitude-ratio exclude --width; with --width give"
+            " --frequency in Hz and --amplitude in m/s2"
         )
     # Ratios do not depend on the size: 1 m stands in.
     block = size_options.make_block(1.0 if width is None else width, 5.0)

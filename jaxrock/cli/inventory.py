@@ -74,7 +74,7 @@ def inventory(
         check_increasing("level", reported_levels)
     hazard = suite_options.read_hazard(measure)
     if hazard is None:
-        raise ValueError("hazard must be given")
+        raise ValueError("--hazard must be given: a .csv file of levels and rates per year")
     if any(objects.one_sided) and suite_options.direction not in (None, "both"):
         raise ValueError(
             "direction must be both, or not given, where objects are one-sided, got"

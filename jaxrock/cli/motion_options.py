@@ -21,7 +21,8 @@ from ..ground_motion import (
 )
 from ..risk import Hazard, read_hazard
 from ..validation import POSITIVE, check
-from .options import Grid, read_numbers, refuse
+from .options import refuse, refuse_beside, write_option
+from .wrong_calls import naming_arguments
 
 # The panel of the help, below that of the block.
 MOTION = Group("Ground motion", sort_key=2)
@@ -67,6 +68,11 @@ class RecordOptions:
     def _read_record(self) -> Record:
         """Read the record, by default the example, of the ground."""
         if self.record not in (None, "example"):
+            if Path(self.record).is_dir():
+                raise ValueError(
+                    f"--record must be one file, got the folder {self.record!r}; fragility,"
+                    " inventory and sensitivity take folders, with --records"
+                )
             return read_record(
                 self.record,
                 unit=self.unit,
@@ -74,12 +80,12 @@ class RecordOptions:
                 vertical=self.vertical,
                 time_step=self.time_step,
             )
-        _refuse_stated_units('record "example" has its', self.unit, self.time_step)
+        _refuse_stated_units("--record example has its", self.unit, self.time_step)
         column = self.column or "north"
         if column not in ("north", "east") or self.vertical not in (None, "up"):
             vertical = f" and {self.vertical!r}" if self.vertical else ""
             raise ValueError(
-                'column of the record "example" must be north or east, and vertical up if'
+                "--column of --record example must be north or east, and --vertical up if"
                 f" given, got {column!r}{vertical}"
             )
         return example_record(column, vertical=self.vertical is not None)
@@ -122,14 +128,18 @@ class MotionOptions(RecordOptions):
     def read_unscaled(self) -> Motion:
         """Make the pulse, or read the record, without the factor."""
         if self.pulse is None and self.record is None:
-            raise ValueError("pulse or record must be given, got neither")
+            raise ValueError(
+                "--pulse or --record must be given, got neither; --record example takes the"
+                " record of jaxrock"
+            )
         if self.pulse is not None and self.record is not None:
             raise ValueError(
-                f"pulse and record exclude each other, got {self.pulse} and {self.record}"
+                f"--pulse and --record exclude each other, got {self.pulse} and"
+                f" {self.record}: leave out one of them"
             )
         if self.pulse is None:
             of_pulse = ("amplitude", "pulse_duration")
-            refuse("a pulse", **{name: getattr(self, name) for name in of_pulse})
+            refuse_beside("--record", **{name: getattr(self, name) for name in of_pulse})
             return super().read_unscaled()
         of_record = (
             "unit",
@@ -139,11 +149,12 @@ class MotionOptions(RecordOptions):
             "floor_period",
             "floor_damping",
         )
-        refuse("a record", **{name: getattr(self, name) for name in of_record})
+        refuse_beside("--pulse", **{name: getattr(self, name) for name in of_record})
         if self.amplitude is None or self.pulse_duration is None:
             of_pulse = ("amplitude", "pulse_duration")
-            missing = [name for name in of_pulse if getattr(self, name) is None]
-            raise ValueError(f"{' and '.join(missing)} must be given with a pulse")
+            missing = [write_option(name) for name in of_pulse if getattr(self, name) is None]
+            raise ValueError(f"{' and '.join(missing)} must be given with --pulse")
+        check("pulse_duration", self.pulse_duration, POSITIVE)
         return PULSES[self.pulse](self.amplitude, self.pulse_duration)
 
 
@@ -170,7 +181,7 @@ class SuiteOptions:
     """A .csv file: columns of levels and rates per year, or a curve of OpenQuake or nshmp-haz."""
     hazard_unit: str | None = None
     """Unit of these levels: m/s, cm/s, m/s2, g ...; if the file states none."""
-    hazard_site: Grid | None = None
+    hazard_site: tuple[float, ...] | None = None
     """Longitude and latitude of the curve, where the file has those of several sites [deg]."""
 
     def read_suite(self, one_sided: bool = False) -> Suite:
@@ -182,25 +193,29 @@ class SuiteOptions:
     def read_hazard(self, measure: str) -> Hazard | None:
         """Read the hazard, of this measure; None if none is given."""
         if self.hazard is None:
-            refuse("a hazard", hazard_unit=self.hazard_unit, hazard_site=self.hazard_site)
+            refuse("--hazard", hazard_unit=self.hazard_unit, hazard_site=self.hazard_site)
             return None
         if measure not in ("pgv", "pga"):
-            raise ValueError(f"hazard goes with the measures pgv and pga, not {measure}")
+            raise ValueError(
+                f"--hazard goes with --measure pgv or pga only, got --measure {measure}"
+            )
         site = None
         if self.hazard_site is not None:
-            site = tuple(read_numbers("hazard_site", self.hazard_site))
+            site = self.hazard_site
             if len(site) != 2:
                 words = " ".join(f"{value:g}" for value in site)
                 raise ValueError(
-                    f"hazard_site must be a longitude and a latitude, got {words}"
+                    "--hazard-site must be a longitude and a latitude, as in --hazard-site"
+                    f" 10.5 45, got {words or 'none'}"
                 )
-        return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure, site=site)
+        with naming_arguments(unit="--hazard-unit", site="--hazard-site"):
+            return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure, site=site)
 
 
 def put_on_floor(suite: Suite, period: float | None, damping: float | None) -> Suite:
     """Put a suite on the floor of a period; the suite itself where none is given."""
     if period is None:
-        refuse("a floor period", floor_damping=damping)
+        refuse("--floor-period", floor_damping=damping)
         return suite
     check("floor_period", period, POSITIVE)
     given = {} if damping is None else {"damping": damping}
@@ -227,17 +242,20 @@ def read_records(
     fema_set = records.removeprefix("fema-")
     is_fema = fema_set != records
     if records != "example" and not (is_fema and fema_set in FEMA_SETS):
-        if is_fema and not Path(records).exists():
+        if not Path(records).exists():
             sets = ", ".join(f"fema-{name}" for name in FEMA_SETS)
             raise ValueError(
-                f"records must be a folder, example, or one of {sets}, got {records!r}"
+                f"--records must be a folder that exists, example, or one of {sets}, got"
+                f" {records!r}"
             )
         return read_suite(records, unit=unit, time_step=time_step, vertical=vertical)
-    _refuse_stated_units(f'records "{records}" have their', unit, time_step)
+    _refuse_stated_units(f"--records {records} has its", unit, time_step)
     if records == "example":
         return example_suite(vertical=vertical)
     if vertical:
-        raise ValueError(f'records "{records}" have no vertical component')
+        raise ValueError(
+            f"--records {records} has no vertical component: leave out --with-vertical"
+        )
     return fema_p695_suite(fema_set)
 
 

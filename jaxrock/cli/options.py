@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from cyclopts import Group, Parameter, Token
+from cyclopts import CoercionError, Group, Parameter, Token
 
 from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
 from ..impact import (
@@ -18,6 +18,7 @@ from ..impact import (
     read_restitution,
 )
 from ..validation import POSITIVE, check
+from .wrong_calls import suggest_number
 
 # Panels of the help, in their order below a command's own options; a motion is the second.
 _OUTPUT = Group("Output", sort_key=3)
@@ -26,7 +27,12 @@ _OF_BLOCK = Parameter(name="*", group=Group("Block", sort_key=1))
 _OF_OUTPUT = Parameter(name="*", group=_OUTPUT)
 _OF_STORE = Parameter(name="*", group=Group("Store", sort_key=4))
 
-Grid = tuple[float | str, ...]  # numbers, and texts START:STOP:COUNT
+# Numbers, and texts START:STOP:COUNT; what they stand for is said below the help.
+Grid = Annotated[tuple[float | str, ...], Parameter(metavar="NUMBER|START:STOP:COUNT...")]
+GRID_HELP = (
+    "START:STOP:COUNT stands for COUNT evenly spaced values from START to STOP, both"
+    " included: 3:4:5 for 3 3.25 3.5 3.75 4."
+)
 Folder = Annotated[Path, Parameter(group=_OUTPUT)]
 ModelName = Literal["linearized", "nonlinear"]
 
@@ -36,8 +42,11 @@ def _convert_count(_: type, tokens: Sequence[Token]) -> int:
     try:
         return int(tokens[0].value)
     except ValueError:
-        raise ValueError(f"{tokens[0].value!r} is not a whole number") from None
+        raise CoercionError(token=tokens[0], target_type=int) from None
 
+
+# [m/s]; peak ground velocities of the strongest records are some 3 m/s.
+_LARGEST_INTENSITY = 10.0
 
 Count = Annotated[int, Parameter(converter=_convert_count)]
 
@@ -59,16 +68,68 @@ def _parse_numbers(name: str, value: float | str) -> list[float]:
         ends = float(start), float(stop)
         if np.isfinite(ends).all() and int(count) > 0:
             return np.linspace(*ends, int(count)).tolist()
-    raise ValueError(f"{name} must be numbers or START:STOP:COUNT, got {value!r}")
+    hint = _suggest_count(str(value)) or suggest_number(str(value))
+    raise ValueError(
+        f"{name} must be numbers, or START:STOP:COUNT with a count of at least 1, got"
+        f" {value!r}{hint}"
+    )
+
+
+def _suggest_count(word: str) -> str:
+    """Say what to type where a count is missing, or is a step; empty if that is not clear."""
+    with contextlib.suppress(ValueError, OverflowError):
+        start, stop, *steps = [float(part) for part in word.split(":")]
+        if not steps:
+            return f"; {word}:15 stands for 15 values"
+        if len(steps) == 1 and 0 < abs(steps[0]) < abs(stop - start) and steps[0] % 1:
+            count = round(abs((stop - start) / steps[0])) + 1
+            return (
+                f"; a count is no step: {word.rpartition(':')[0]}:{count} has steps of"
+                f" {(stop - start) / (count - 1):.4g}"
+            )
+    return ""
 
 
 def refuse(only_with: str, **options: object) -> None:
-    """Raise `ValueError` if one of these options is given, since it would be ignored."""
+    """Raise `ValueError` if one of these options is given, since it would be ignored.
+
+    Parameters
+    ----------
+    only_with : str
+        What to type so that it is not ignored, such as "--store".
+    **options : object
+        Values by the names of parameters; None for an option that is not given.
+    """
     for name, value in options.items():
         if value is not None:
-            items = value if isinstance(value, tuple) else (value,)
-            words = [f"{item:g}" if isinstance(item, float) else str(item) for item in items]
-            raise ValueError(f"{name} goes with {only_with} only, got {' '.join(words)}")
+            option = write_option(name)
+            given = "" if value is True else f", got {_write_words(value)}"
+            raise ValueError(
+                f"{option} goes with {only_with} only{given}: add {only_with}, or leave out"
+                f" {option}"
+            )
+
+
+def refuse_beside(given: str, **options: object) -> None:
+    """Raise `ValueError` if one of these options is given beside options that exclude it."""
+    for name, value in options.items():
+        if value is not None:
+            option = write_option(name)
+            raise ValueError(
+                f"{option} has no meaning beside {given}, got {_write_words(value)}: leave it"
+                " out"
+            )
+
+
+def write_option(name: str) -> str:
+    """Write the option of a parameter as it is typed."""
+    return f"--{name.replace('_', '-')}"
+
+
+def _write_words(value: object) -> str:
+    """Write the value of an option as it is typed."""
+    items = value if isinstance(value, tuple) else (value,)
+    return " ".join(f"{item:g}" if isinstance(item, float) else str(item) for item in items)
 
 
 @_OF_OUTPUT
@@ -207,16 +268,26 @@ def make_block(
     if height is not None:
         if slenderness is not None:
             raise ValueError(
-                f"height and slenderness exclude each other, got {height:g} and"
-                f" {slenderness:g}"
+                f"--height and --slenderness exclude each other, got {height:g} and"
+                f" {slenderness:g}: leave out one of them"
             )
         check("height", height, POSITIVE)
         slenderness = height / width
     if slenderness is None:
         raise ValueError(
-            f"height or slenderness must be given with a width, got a width of {width:g} only"
+            f"--height or --slenderness must be given with --width, got --width {width:g} only"
         )
     return Block(width / 2, slenderness, gravity, inertia_ratio, one_sided=one_sided)
+
+
+def warn_of_intensity(intensity: float) -> None:
+    """Warn of an intensity of pulses that was perhaps given in centimetres per second."""
+    if intensity > _LARGEST_INTENSITY:
+        warnings.warn(
+            f"--intensity is in m/s, and {intensity:.4g} m/s is far more than the ground moves in"
+            f" an earthquake; type {intensity / 100:.4g} if {intensity:.4g} cm/s are meant",
+            stacklevel=3,
+        )
 
 
 def _warn_of_large(block: Block) -> None:
@@ -245,12 +316,12 @@ class StoreOptions:
     def wants_store(self, out: Path | None, force: bool) -> bool:
         """Return whether a store is wanted; `ValueError` for options that exclude each other."""
         if self.store is None:
-            refuse("a store", workers=self.workers)
+            refuse("--store", workers=self.workers)
             return False
         if out is not None or force:
             raise ValueError(
-                "out and force exclude a store, which is continued and not overwritten, got"
-                f" {self.store}"
+                "--out and --force exclude --store, which is continued and not overwritten, got"
+                f" --store {self.store}"
             )
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"workers must be at least 1, got {self.workers}")

@@ -29,7 +29,16 @@ from ..validation import NON_NEGATIVE, Number, Reals, check
 from .answers import Answer, describe_options, list_rows, save_picture
 from .driven_sensitivity import answer_driven, ask_driven
 from .motion_options import MOTION, MotionOptions
-from .options import BlockOptions, Count, FileOutput, Folder, ModelName, refuse
+from .options import (
+    BlockOptions,
+    Count,
+    FileOutput,
+    Folder,
+    ModelName,
+    refuse,
+    refuse_beside,
+    warn_of_intensity,
+)
 from .sensitivity_question import UNITS_OF_PARAMETERS, AnswerName, Question, ask
 
 _FILES = ("sensitivity.csv", "tornado.png", "map.png")
@@ -102,7 +111,7 @@ def sensitivity(
     options = dict(locals())
     driven = motion_options.given or records is not None
     if records is not None:
-        refuse("one motion", answer=answer, relative_change=relative_change)
+        refuse_beside("--records", answer=answer, relative_change=relative_change)
     question = ask(
         answer or ("rotation-ratio" if driven else "critical-intensity"),
         model or ("nonlinear" if driven else "linearized"),
@@ -111,14 +120,14 @@ def sensitivity(
         coefficient_of_variation,
     )
     if driven:
-        refuse("instantaneous pulses", intensity=intensity)
+        refuse_beside("a ground motion", intensity=intensity)
         asked = ask_driven(question, motion_options, records, ratio, samples, seed)
         options |= {"ratio": asked.ratio, "samples": asked.samples, "seed": asked.seed}
         if records is None:
             options["relative_change"] = question.relative_change
         return answer_driven(asked, out, output, describe_options("sensitivity", options))
-    motion_options.refuse_all("a pulse or a record")
-    refuse("a pulse, a record or a suite", ratio=ratio, samples=samples, seed=seed)
+    motion_options.refuse_all("--pulse or --record")
+    refuse("--pulse, --record or --records", ratio=ratio, samples=samples, seed=seed)
     question = _add_intensity(question, intensity)
     options["relative_change"] = question.relative_change
     options["intensity"] = question.at.get("intensity")
@@ -166,10 +175,15 @@ def _answer_resonance(
 def _add_intensity(question: Question, intensity: float | None) -> Question:
     """Add the intensity of the pulses to the parameters, unless it is the answer."""
     if question.answer == "critical-intensity":
-        refuse("another answer than the critical intensity", intensity=intensity)
+        if intensity is not None:
+            raise ValueError(
+                f"--intensity is sought by --answer critical-intensity, got {intensity:g}: leave"
+                " it out, or give another --answer, such as rotation-ratio"
+            )
         return question
     pulse = 0.15 if intensity is None else intensity
     check("intensity", pulse, NON_NEGATIVE)
+    warn_of_intensity(pulse)
     return question._replace(at=question.at | {"intensity": pulse})
 
 

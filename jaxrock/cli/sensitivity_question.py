@@ -72,7 +72,7 @@ class Question(NamedTuple):
         given = f"restitution {self.at['restitution']:.4g}"
         if "intensity" in self.at:
             given += f" and {self.at['intensity']:g} m/s"
-        return f"answer {self.answer} does not exist here: the block overturns at {given}"
+        return f"--answer {self.answer} does not exist here: the block overturns at {given}"
 
 
 def ask(

@@ -14,7 +14,15 @@ from ..spectra import rocking_spectrum as compute_rocking_spectrum
 from ..validation import AT_LEAST_ONE, POSITIVE, check
 from .answers import Answer, describe_options, save_picture
 from .motion_options import RecordOptions
-from .options import FileOutput, Folder, Grid, StoreOptions, read_numbers, refuse
+from .options import (
+    FileOutput,
+    Folder,
+    Grid,
+    StoreOptions,
+    read_numbers,
+    refuse,
+    warn_of_intensity,
+)
 from .stores import write_store
 
 if TYPE_CHECKING:
@@ -75,12 +83,13 @@ def spectrum(
         restitution = (0.4, 0.45, 0.5) if one_sided else (0.6, 0.7, 0.8)
     about = describe_options("spectrum", locals())
     if model != "auto":
-        refuse("the model auto", tolerance=tolerance)
+        refuse("--model auto", tolerance=tolerance)
     relative_error = 1e-3 if tolerance is None else tolerance
     check("gravity", gravity, POSITIVE)
     check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
     check("tolerance", relative_error, POSITIVE)
     intensities = as_axis("intensity", read_numbers("intensity", intensity))
+    warn_of_intensity(float(intensities.max()))
     compute = functools.partial(
         resonance_spectrum,
         as_axis("slenderness", read_numbers("slenderness", slenderness)),

@@ -9,7 +9,7 @@ from ..host import write_whole
 from ..resonance import Scene
 from .answers import Answer, describe_options, save_picture
 from .motion_options import MotionOptions
-from .options import BlockOptions, FileOutput, Folder
+from .options import BlockOptions, FileOutput, Folder, refuse_beside, warn_of_intensity
 
 _FILES = ("tradeoff.nc", "tradeoff.csv", "tradeoff.png")
 
@@ -42,10 +42,11 @@ def tradeoff(
     motion = make_default_scene().motion
     if motion_options.given:
         motion = motion_options.read()
-        if intensity is not None:
-            raise ValueError(f"intensity excludes a pulse or a record, got {intensity:g}")
+        refuse_beside("--pulse or --record", intensity=intensity)
     else:
-        motion_options.refuse_all("a pulse or a record")
+        motion_options.refuse_all("--pulse or --record")
+    if intensity is not None:
+        warn_of_intensity(intensity)
     scene = Scene(block, c, intensity) if intensity is not None else None
     with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_tradeoff

@@ -92,6 +92,8 @@ def validate(
     """
     about = describe_options("validate", locals())
     known = _read_known(prior, size_options)
+    if splits < 1:
+        raise ValueError(f"--splits must be at least 1, got {splits}")
     tests = read_tests(file)
     gravity = size_options.gravity
     inertia_ratio = size_options.inertia_ratio
@@ -150,10 +152,12 @@ def _read_known(
 ) -> Block | dict[str, tuple[float, float]] | None:
     """Read what is known of the block: its size, or medians with coefficients of variation."""
     if size.width is None:
-        refuse("a width", height=size.height, slenderness=size.slenderness)
+        refuse("--width", height=size.height, slenderness=size.slenderness)
         return _parse_prior(prior) if prior else None
     if prior:
-        raise ValueError(f"prior and a width exclude each other, got {prior[0]}")
+        raise ValueError(
+            f"--prior and --width exclude each other, got {prior[0]}: leave out one of them"
+        )
     return size.make_block(size.width)
 
 

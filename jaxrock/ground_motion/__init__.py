@@ -18,6 +18,7 @@ from .floor_variants import vary_floor as vary_floor
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
 from .intensity import intensity_measure
+from .intensity import warn_of_large_intensities as warn_of_large_intensities
 from .motion import Motion
 from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
@@ -28,8 +29,8 @@ from .reversal import average_directions as average_directions
 from .reversal import split_directions as split_directions
 from .still import Still
 from .suite import Suite
-from .suite import describe_suite as describe_suite
 from .suite import require_positive_measures as require_positive_measures
+from .suite_description import describe_suite as describe_suite
 
 __all__ = [
     "Cosine",

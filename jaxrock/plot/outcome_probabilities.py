@@ -16,7 +16,7 @@ from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, get_axes, label_axes
 def plot_outcome_probabilities(
     probabilities: OutcomeProbabilities, ax: Axes | None = None
 ) -> Axes:
-    """Draw the probability of each outcome with its interval, and those under each record.
+    """Draw the probability of each outcome, with its interval and the value under each record.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def plot_sobol_indices(
 ) -> Axes:
     """Draw which part of the variance of an answer comes from each parameter.
 
-    The first-order index is of a parameter alone, the total one with all that it does together
-    with others. An index that noise hides has no bar, but a few words.
+    The first-order index is the part of a parameter alone. The total index includes its
+    interactions with other parameters. An index that noise hides has words instead of a bar.
 
     Parameters
     ----------

@@ -19,6 +19,7 @@ from .hazard_notes import find_measures
 _CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
 _ABOUT_SITES = r"custom_site_id|site_id|id|name|lon|lat|longitude|latitude|depth|vs30"
 _LIMITS = {"longitude": 360.0, "latitude": 90.0}
+_MAX_PLACES = 5  # that a message lists
 _NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
 # Some versions of OpenQuake write the type of a column behind its name.
 _LEVEL = (
@@ -132,19 +133,25 @@ def read_number(table: Table, row: Row, column: int) -> float:
 def _choose_row(table: Table, site: tuple[float | int, float | int] | None) -> Row:
     """Choose the line of the site, or the only one."""
     near: list[Row] = []
+    places: list[str] = []
     for row in table.rows:
         place = [_read_degrees(table, row, name) for name in _LIMITS]
+        places.append(f"{place[0]:g} {place[1]:g}")
         if site is None or np.allclose(place, site, rtol=0, atol=_NEAR):
             near.append(row)
     if len(near) == 1:
         return near[0]
+    listed = ", ".join(places[:_MAX_PLACES])
+    if len(places) > _MAX_PLACES:
+        listed += f" and {len(places) - _MAX_PLACES} more"
     if site is None:
         raise table.text.error(
-            f"site must be given, the longitude and latitude of one, got {len(near)} curves"
+            "site must be given, the longitude and latitude of one of its"
+            f" {len(places)} curves: {listed}"
         )
     raise table.text.error(
-        f"one curve at longitude and latitude {site} was expected, got {len(near)} there, of"
-        f" {len(table.rows)}"
+        f"site must be the longitude and latitude of one of its {len(places)} curves, {listed},"
+        f" got {site[0]:g} {site[1]:g}, where there are {len(near)}"
     )
 
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
-from ..ground_motion import MEASURES, describe_suite
-from ..host import add_names, make_dataset
+from ..ground_motion import MEASURES, describe_suite, warn_of_large_intensities
+from ..host import add_names, make_dataset, show_progress
 from ..numerics import bound_probabilities
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
@@ -157,9 +157,12 @@ def assess_inventory(
         raise ValueError("site must have a Hazard, got a function")
     check("target", as_real("target", target), POSITIVE)
     model = as_model(model)
+    if reported_levels is not None:
+        warn_of_large_intensities("reported_levels", reported_levels, site.measure)
     reported = _choose_reported_levels(site.hazard, reported_levels)
     groups = group_objects(inventory, site)
-    separate = [_assess_group(group, target, reported, model) for group in groups]
+    in_turn = show_progress(groups, "groups of objects")
+    separate = [_assess_group(group, target, reported, model) for group in in_turn]
     order = np.argsort(np.concatenate([group.places for group in groups]))
     answers = {
         name: np.concatenate([answer[name] for answer in separate])[order]
