@@ -1,9 +1,9 @@
 """Rocking of rigid blocks on JAX: resonance spectra, sensitivities, inverse design.
 
 All functions are elementwise: arguments are numbers or arrays that broadcast against each
-other. Answers have the shape that results, ``(...)`` in the docstrings. Everything is in SI
-units and radians. An argument out of range raises `ValueError` where it is concrete, and gives
-NaN with derivative zero where it is traced.
+other. Answers have the broadcast shape, ``(...)`` in the docstrings. Everything is in SI
+units and radians. A concrete argument out of range raises `ValueError`. A traced one gives
+NaN, with derivative zero.
 
 Two models describe the motion, `Linearized` and `Nonlinear`; every function that needs one
 takes it as ``model=``, itself or by its name. The defaults are the paper's own: the closed
@@ -15,8 +15,8 @@ packages: `resonance`, `ground_motion`, `driven`, `steady`, `overturning`, `sens
 `calibration`, `accuracy`, `grids`, `spectra`, `risk`, `plot`, `reports`.
 ``jaxrock.__version__`` is the version.
 
-JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
-Processes beside each other are started with "spawn" or "forkserver", as in
+JAX uses threads, which do not survive `os.fork`: a forked process can hang at its first
+computation. Start parallel processes with "spawn" or "forkserver", as in
 ``multiprocessing.get_context("spawn").Pool()``.
 """
 

@@ -58,7 +58,7 @@ _BELOW = 1 - 10 * _ACCURACY
 
 
 class RequiredValue(Printed, eqx.Module):
-    """The value from which on, or up to which, a rate stays below a target.
+    """The value beyond which a rate stays below a target.
 
     See `required_value`.
 
@@ -117,7 +117,7 @@ def required_value(
 
     Compute the rate on a grid between the bounds and refine the grid at every crossing of the
     target down to `resolution`. The rate need not be monotone, so there may be several
-    crossings; the outermost one on the side that is asked for is returned.
+    crossings; the outermost one on the requested side is returned.
 
     Parameters
     ----------
@@ -139,8 +139,9 @@ def required_value(
         it, as for a height or a slenderness.
     resolution : float
         Relative distance of neighbouring values at a crossing, at least 1e-6 and less than
-        0.1. Crossings that are closer together are not detected. Nor are those between two
-        first values, 10 % or 8 resolutions apart, if the rate is far from the target at both.
+        0.1. Crossings that are closer together are not detected. Crossings between two values
+        of the first grid, 10 % or 8 resolutions apart, are not detected either if the rate is
+        far from the target at both values.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -155,20 +156,19 @@ def required_value(
 
     Notes
     -----
-    The rate at the value is the one of `overturning_rate`, computed there to 1e-6, not
-    interpolated, and does not exceed the target. Far from the target it is estimated at a part
-    of the levels.
+    The rate at the value is computed to 1e-6, not interpolated, and does not exceed the
+    target. Far from the target it is estimated from part of the levels.
 
     Under records the rate changes by a few per cent from one width to the next, as narrow
-    windows come and go. Between the values that were examined it may exceed the target by as
-    much: for one of two blocks under the example suite at 4 % of 150 widths above the value,
-    by up to 1.3 %. A finer `resolution` finds such excursions.
+    windows appear and disappear. Between the examined values it may exceed the target by as
+    much: in a test of 150 widths above the value, under the example suite, at 4 % of them for
+    one of two blocks, by up to 1.3 %. A finer `resolution` finds such excursions.
 
-    Derivatives with respect to the target, the block, the restitution and the hazard are those
-    of the implicit function theorem, with the rate's derivatives of `overturning_rate`. They
-    are NaN where the rate is not smooth: where its derivative at the value and its difference
-    over 5 % to either side differ by more than a quarter, as under records with many narrow
-    windows.
+    Derivatives with respect to the target, the block, the restitution and the hazard follow
+    from the implicit function theorem and the derivatives of `overturning_rate`. They are NaN
+    where the rate is not smooth: where its derivative at the value differs by more than a
+    quarter from its difference quotient over 5 % to either side, as under records with many
+    narrow windows.
 
     Examples
     --------
