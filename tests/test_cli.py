@@ -594,7 +594,7 @@ def test_sensitivity_of_a_block_that_falls(capsys, tmp_path):
     falls = ("sensitivity", *SINE, "--amplitude", 9, "--width", 0.2, "--restitution", 0.9)
     code, _, err = run(capsys, *falls, "--out", tmp_path / "out")
     assert code == 2
-    assert "answer rotation-ratio does not exist here: the block overturns" in err
+    assert "--answer rotation-ratio does not exist here: the block overturns" in err
     assert not (tmp_path / "out").exists()
 
 

@@ -332,7 +332,7 @@ def test_the_recipe_asks_for_what_the_package_asks_for():
     asked = set(re.findall(r"- (\S+) >=(\d\S*)", run.replace("-base ", " ").lower()))
     assert asked == {tuple(each.lower().split(">=")) for each in project["dependencies"]}
     for path in (ROOT / "CITATION.cff", ROOT / "packaging" / "recipe.yaml"):
-        stated = re.search(r"^ *version: \"?([\d.]+)", path.read_text(encoding="utf-8"), re.M)[
+        stated = re.search(r"^ *version: \"?([\w.]+)", path.read_text(encoding="utf-8"), re.M)[
             1
         ]
         assert stated == project["version"], path

@@ -87,7 +87,7 @@ def critical(
         refuse("--pulse or --record", along=along, values=values, model=model)
         motion_options.refuse_all("--pulse or --record")
         check("intensity", pulse, NON_NEGATIVE)
-        warn_of_intensity([pulse])
+        warn_of_intensity(pulse)
         options |= {"intensity": pulse, "half_cycles": counts}
         for count in read_numbers("half_cycles", counts):
             check("half_cycles", count, COUNT)

@@ -272,13 +272,12 @@ def make_block(
     return Block(width / 2, slenderness, gravity, inertia_ratio, one_sided=one_sided)
 
 
-def warn_of_intensity(intensities: Sequence[float]) -> None:
+def warn_of_intensity(intensity: float) -> None:
     """Warn of an intensity of pulses that was perhaps given in centimetres per second."""
-    largest = max(intensities, default=0.0)
-    if largest > _LARGEST_INTENSITY:
+    if intensity > _LARGEST_INTENSITY:
         warnings.warn(
-            f"--intensity is in m/s, and {largest:.4g} m/s is far more than the ground moves in"
-            f" an earthquake; type {largest / 100:.4g} if {largest:.4g} cm/s are meant",
+            f"--intensity is in m/s, and {intensity:.4g} m/s is far more than the ground moves in"
+            f" an earthquake; type {intensity / 100:.4g} if {intensity:.4g} cm/s are meant",
             stacklevel=3,
         )
 

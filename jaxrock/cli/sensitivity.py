@@ -187,7 +187,7 @@ def _add_intensity(question: Question, intensity: float | None) -> Question:
         return question
     pulse = 0.15 if intensity is None else intensity
     check("intensity", pulse, NON_NEGATIVE)
-    warn_of_intensity([pulse])
+    warn_of_intensity(pulse)
     return question._replace(at=question.at | {"intensity": pulse})
 
 

@@ -89,7 +89,7 @@ def spectrum(
     check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
     check("tolerance", relative_error, POSITIVE)
     intensities = as_axis("intensity", read_numbers("intensity", intensity))
-    warn_of_intensity(intensities)
+    warn_of_intensity(float(intensities.max()))
     compute = functools.partial(
         resonance_spectrum,
         as_axis("slenderness", read_numbers("slenderness", slenderness)),

@@ -46,7 +46,7 @@ def tradeoff(
     else:
         motion_options.refuse_all("--pulse or --record")
     if intensity is not None:
-        warn_of_intensity([intensity])
+        warn_of_intensity(intensity)
     scene = Scene(block, c, intensity) if intensity is not None else None
     with write_whole("out", out, _FILES, output.force) as folder:
         from ..plot import plot_tradeoff

@@ -59,16 +59,16 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     record : Record
     measure : str
         ``"pga"``, the peak ground acceleration [m/s2]; ``"pgv"``, the peak ground velocity
-        [m/s], from rest on and exact for lines between samples; ``"pga_ratio"``, PGA / (g
-        tan(alpha_c)) [-], above 1 where horizontal motion lifts a block; ``"pgv_ratio"``,
-        p PGV / (g tan(alpha_c)) [-].
+        [m/s], integrated from rest, exactly for straight lines between samples;
+        ``"pga_ratio"``, PGA / (g tan(alpha_c)) [-], above 1 where horizontal motion lifts a
+        block; ``"pgv_ratio"``, p PGV / (g tan(alpha_c)) [-].
     block : Block, optional
         For the two ratios.
 
     Returns
     -------
     Array
-        Of the shape of the scale of the record, broadcast with the block.
+        Has the shape of the scale of the record, broadcast with the block.
 
     Raises
     ------

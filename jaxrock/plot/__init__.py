@@ -1,7 +1,8 @@
 """Figures: functions that take ``ax=None`` and return the axes they drew on.
 
-`animate` writes a file. `plot_free_rocking_fit` makes a figure of two panels. `plot_spectrum`
-and `plot_rocking_spectrum` make a figure of many; `plot_curves` draws a panel of the former.
+There are exceptions: `animate` writes a file. `plot_free_rocking_fit` makes a figure of two
+panels, `plot_spectrum` and `plot_rocking_spectrum` make a figure of many panels.
+`plot_curves` draws one panel of `plot_spectrum`.
 """
 
 from .block import animate, plot_block, plot_phase, plot_response

@@ -1,4 +1,4 @@
-"""Risk of motion beyond a limit at a site: fragility, rates, what would bring them to a target."""
+"""Risk at a site: fragility curves, rates of overturning, and sizes that meet a target rate."""
 
 from .fragility_curves import fragility
 from .fragility_curves import name_thresholds as name_thresholds

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
 from ..ground_motion import MEASURES, describe_suite, warn_of_large_intensities
-from ..host import add_names, make_dataset
+from ..host import add_names, make_dataset, show_progress
 from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -165,7 +165,8 @@ def assess_inventory(
         warn_of_large_intensities("reported_levels", reported_levels, site.measure)
     reported = _choose_reported_levels(site.hazard, reported_levels)
     groups = group_objects(inventory, site)
-    separate = [_assess_group(group, target, reported, model) for group in groups]
+    in_turn = show_progress(groups, "groups of objects")
+    separate = [_assess_group(group, target, reported, model) for group in in_turn]
     order = np.argsort(np.concatenate([group.places for group in groups]))
     answers = {
         name: np.concatenate([answer[name] for answer in separate])[order]
