@@ -31,6 +31,7 @@ from .validation import (
     as_field,
     as_flag,
     as_real,
+    by_name,
     check,
     elementwise,
     is_traced,
@@ -69,6 +70,7 @@ class Block(Printed, Checked):
     half_width, slenderness, gravity : array_like
         b, half the width of the base [m], lambda = a / b, height over width [-], and g,
         acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
+        `from_size` takes the full width and height instead.
     inertia_ratio : array_like
         kappa = I_O / (m R^2) [-], the moment of inertia about the edge, divided by the moment
         of the same mass in its centre; finite and at least 1. It is 4 / 3 for a homogeneous
@@ -135,6 +137,7 @@ class Block(Printed, Checked):
         return ", ".join(parts)
 
     @classmethod
+    @by_name
     def from_size(
         cls,
         *,

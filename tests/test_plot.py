@@ -746,3 +746,15 @@ def test_outcomes():
     assert other.get_xlabel() == "PGA [m/s²]"
     with pytest.raises(ValueError, match=r"^measure must be one of pgv, pga, got 'sa'$"):
         plot_outcomes(scores(), measure="sa")
+
+
+@pytest.mark.parametrize("name", jr.plot.__all__)
+def test_every_picture_says_what_it_is_drawn_of(name):
+    draw = getattr(jr.plot, name)
+    parameters = inspect.signature(draw).parameters.values()
+    # The parameters without a default: what is drawn, and perhaps more.
+    others = [None for parameter in parameters if parameter.default is parameter.empty][1:]
+    with pytest.raises(
+        ValueError, match=r"must be an? \w+, got 'a block'.*; .+ (gives|makes) one"
+    ):
+        draw("a block", *others)

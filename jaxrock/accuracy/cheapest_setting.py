@@ -20,6 +20,7 @@ from ..validation import (
     Reals,
     as_real,
     check,
+    check_concrete,
     check_kind,
     is_traced,
 )
@@ -149,6 +150,7 @@ def choose(
     >>> print(jr.choose(wall, 0.01).setting)
     linearized in float32
     """
+    check_concrete((scene, tolerance, shape, duration), "the choice depends on the answers")
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     tolerance = float(tolerance)
     if isinstance(scene, DrivenScene):

@@ -215,7 +215,9 @@ def measure_tradeoff(
         calls.append(functools.partial(answer, timed[0]))
         begin = time.perf_counter()
         answers = np.stack(
-            [answer(varied_scene) for varied_scene in sample], axis=-1, dtype=float
+            [answer(varied_scene) for varied_scene in show_progress(sample, dials.label)],
+            axis=-1,
+            dtype=float,
         )
         jax.block_until_ready(calls[-1]())
         compilation = time.perf_counter() - begin

@@ -25,11 +25,12 @@ from ..validation import (
     as_real,
     as_text,
     check,
+    check_concrete,
     check_increasing,
     check_kind,
     unify_precision,
 )
-from .least_squares import Values, check_concrete
+from .least_squares import OUTSIDE, Values
 from .shaking_measurement import (
     RESTITUTIONS,
     ShakingTest,
@@ -226,7 +227,7 @@ def _check_test(
     speed = as_real("initial_velocity", initial[1], unit="rad/s")
     size = as_real("rotation_noise", 1.0 if noise is None else noise, unit="rad")
     tree = (times, angles, start, (first, speed), size, block, motion)
-    check_concrete(tree)
+    check_concrete(tree, OUTSIDE)
     if times.ndim != 1 or times.size < 2 or angles.shape != times.shape:
         raise ValueError(
             "time and rotation must be one-dimensional, of one length of at least 2,"

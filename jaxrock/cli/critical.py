@@ -75,14 +75,12 @@ def critical(
         Folder for critical.csv and critical.png; none is written if not given.
     """
     options = dict(locals())
-    block = block_options.block
-    c = block_options.coefficient
     search = None
     pulse = 0.15 if intensity is None else intensity
     counts = (1.0, 2.0, 5.0, math.inf) if half_cycles is None else half_cycles
     if motion_options.given:
         refuse_beside("--pulse or --record", intensity=intensity, half_cycles=half_cycles)
-        search = plan_search(block, c, motion_options, along, values, model)
+        search = plan_search(block_options, motion_options, along, values, model)
     else:
         refuse("--pulse or --record", along=along, values=values, model=model)
         motion_options.refuse_all("--pulse or --record")
@@ -95,11 +93,16 @@ def critical(
     if out is not None:
         writing = write_whole("out", out, _FILES, output.force)
     with writing as folder:
-        limits = find_limits(search) if search else compute_limits(block, c, pulse, counts)
+        limits = (
+            find_limits(search) if search else compute_limits(block_options, pulse, counts)
+        )
         if folder is not None:
             about = describe_options("critical", options)
             write_csv(folder / "critical.csv", limits.columns, _UNITS, about)
-            save_picture(limits.draw(), folder / "critical.png")
+            picture = limits.draw()
+            if search:
+                picture.figure.suptitle(search.title, fontsize="medium")
+            save_picture(picture, folder / "critical.png")
     files = [] if out is None else [out / name for name in _FILES]
     data = {"rows": list_rows(limits.columns), **limits.data}
     # Where the restitution is sought, the one that is given does not matter.

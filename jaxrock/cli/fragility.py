@@ -105,6 +105,8 @@ def fragility(
         with naming_arguments(coefficients_of_variation="--uncertain"):
             uncertainty.draw(block, c, on_floor=suite.floor is not None)
     about = describe_options("fragility", options)
+    if block_options.restitution is None:
+        about["restitution_assumed"] = block_options.restitution_text
     compute = functools.partial(
         risk.fragility,
         block,
@@ -121,7 +123,12 @@ def fragility(
     def answer(curves: "xarray.Dataset") -> Answer:
         """Describe the curves, and with a hazard the rate as well."""
         lines, data = _describe_curves(curves, str(suite))
-        lines.insert(0, block_options.restitution_text)
+        lines.insert(0, block_options.scene_text)
+        if suite.source:
+            lines.insert(2, f"records: {suite.source}")
+            data["record_source"] = suite.source
+        if block_options.restitution is None:
+            data["restitution"] = block_options.restitution_text
         if site is not None:
             # Of a block that is given by its sides, these are what can be changed.
             by = "shape" if block_options.height is None else "sides"

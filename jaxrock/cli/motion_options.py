@@ -116,6 +116,15 @@ class MotionOptions(RecordOptions):
         """True if a pulse or a record is given."""
         return self.pulse is not None or self.record is not None
 
+    @property
+    def text(self) -> str:
+        """The motion in words, without the numbers of a pulse."""
+        if self.pulse is not None:
+            return f"{self.pulse} pulse"
+        floor = "" if self.floor_period is None else f", floor of {self.floor_period:g} s"
+        scale = "" if self.scale is None else f" times {self.scale:g}"
+        return f"record {self.record}{scale}{floor}"
+
     def read_unscaled(self) -> Motion:
         """Make the pulse, or read the record, without the factor."""
         if self.pulse is None and self.record is None:

@@ -198,6 +198,14 @@ class BlockOptions:
         return f"C = {self.coefficient:.6g}"
 
     @property
+    def scene_text(self) -> str:
+        """The size and the restitution of the block in words."""
+        block = self.block
+        wall = ", against a wall" if block.one_sided else ""
+        size = f"block {float(block.width):.6g} m wide, {float(block.height):.6g} m high"
+        return f"{size}{wall}, {self.restitution_text}"
+
+    @property
     def coefficient(self) -> float:
         """The coefficient of restitution."""
         if self.restitution is not None:

@@ -112,14 +112,10 @@ def sensitivity(
     driven = motion_options.given or records is not None
     if records is not None:
         refuse_beside("--records", answer=answer, relative_change=relative_change)
-    block = block_options.block
-    c = block_options.coefficient
     question = ask(
         answer or ("rotation-ratio" if driven else "critical-intensity"),
         model or ("nonlinear" if driven else "linearized"),
-        block,
-        c,
-        block_options.height is not None,
+        block_options,
         0.1 if relative_change is None else relative_change,
         coefficient_of_variation,
     )
@@ -160,19 +156,19 @@ def _answer_resonance(
             """Compute the answer."""
             return _compute_answer(question, at)
 
-        local = replace(sensitivities(compute, question.at), sides=question.sides)
+        local = replace(sensitivities(compute, question.at), sides=question.sizes)
         if not math.isfinite(local.value):
             raise ValueError(question.describe_missing())
         bars = tornado(compute, question.at, question.make_ranges())
-        bars = replace(bars, sides=question.sides)
+        bars = replace(bars, sides=question.sizes)
         moments = propagate(compute, question.at, question.make_uncertain(_SAMPLES))
         columns = _tabulate(local, bars, moments)
         write_csv(folder / "sensitivity.csv", columns, {}, about)
         save_picture(plot_tornado(bars, label=question.label), folder / "tornado.png")
         _draw_map(question, folder / "map.png")
     text = (
-        f"{question.answer} {local}\n{question.sizes_in_words}; by the {question.model}"
-        f" model;\n{_write_moments(question, moments)}"
+        f"{question.scene_text}; by the {question.model} model\n"
+        f"{question.answer} {local}\n{_write_moments(question, moments)}"
     )
     known = moments.within_tolerance
     data = {

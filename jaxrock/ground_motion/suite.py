@@ -160,13 +160,16 @@ class Suite(Printed, eqx.Module):
         """
         if isinstance(which, slice):
             ground = None if self.ground is None else self.ground[which]
+            directions = find_directions(which, self.recordings, self.directions)
+            number = len(self.names[which]) // directions
+            part = f"{number} of " if self.source and number < self.recordings else ""
             return Suite(
                 self.records[which],
                 self.names[which],
                 ground=cast("Suite | None", ground),
                 floor=self.floor,
-                directions=find_directions(which, self.recordings, self.directions),
-                source=self.source,
+                directions=directions,
+                source=part + self.source,
             )
         which = as_text(which)
         if isinstance(which, str):

@@ -18,6 +18,7 @@ from ..validation import (
     as_name,
     as_real,
     check,
+    check_concrete,
     check_kind,
     unify_precision,
 )
@@ -177,8 +178,9 @@ def worst_train(
         0.5192         -0.47477  0.00000
         1.6100          0.47477  0.00000
     """
-    restitution = read_restitution(block, restitution)
     check_kind("block", block, Block)
+    check_concrete((block, restitution), "the search depends on the answers")
+    restitution = read_restitution(block, restitution)
     block.check()
     for name, value in (("count", count), ("starts", starts)):
         if value < 1:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..block import Block, change_block
 from ..impact import read_restitution
-from ..validation import AnyArray, Number, as_text, check_kind
+from ..validation import AnyArray, Number, as_text, check_concrete, check_kind
 
 
 class Objects(NamedTuple):
@@ -40,6 +40,7 @@ def gather_objects(
 ) -> Objects:
     """Gather concrete objects; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
+    check_concrete((block, restitution), "outcomes are counted outside of jit, vmap and grad")
     coefficient = read_restitution(block, restitution)
     leaves, form = jax.tree.flatten((block, coefficient))
     shapes = [np.shape(leaf) for leaf in leaves]

@@ -29,6 +29,7 @@ from ..validation import (
     as_name,
     as_real,
     check,
+    check_concrete,
     check_kind,
     is_traced,
 )
@@ -231,8 +232,7 @@ def _search_value(
 ) -> RequiredValue:
     """Search the value, for arguments that have been checked but for those of objects."""
     block, restitution, site, target = parts
-    if is_traced(parts):
-        raise ValueError("arguments must be concrete here: the search depends on the answers")
+    check_concrete(parts, "the search depends on the answers")
     objects = gather_objects(block, restitution)
     low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
     limits = targets * _BELOW

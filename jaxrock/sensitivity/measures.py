@@ -118,11 +118,20 @@ class TornadoBars(Printed):
     value: float
     sides: tuple[str, ...] = ()
 
+    @property
+    def always_overturns(self) -> bool:
+        """Whether the block overturns with all parameters unchanged and at all ends."""
+        answers = np.concatenate([[self.value], self.at_low, self.at_high])
+        return not np.isfinite(answers).any()
+
     def __str__(self) -> str:
+        if self.always_overturns:
+            return "has no value: the block overturns, also at both ends of every range"
         columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
-        text = format_table(
-            f"{self.value:.6g}", label_sides(self.names, self.sides), **columns
-        )
+        head = f"{self.value:.6g}"
+        if not np.isfinite(self.value):
+            head = "has no value: the block overturns with all parameters unchanged"
+        text = format_table(head, label_sides(self.names, self.sides), **columns)
         # Answers of this package are NaN where a block overturns.
         return text.replace("           nan", "     overturns")
 

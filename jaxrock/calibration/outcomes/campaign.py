@@ -19,10 +19,11 @@ from ...validation import (
     as_flag,
     as_real,
     check,
+    check_concrete,
     check_kind,
     describe,
 )
-from ..least_squares import check_concrete
+from ..least_squares import OUTSIDE
 from .likelihood import TestData
 from .posterior import Posterior, sample_posterior
 from .prior import Prior, PriorLike, make_prior
@@ -140,7 +141,7 @@ def check_campaign(
                 "scales of records must be single ones, got an array of shape"
                 f" {np.shape(record.scale)} for {name!r}"
             )
-    check_concrete((suite, overturned, peak_rotations, prior, gravity, inertia_ratio))
+    check_concrete((suite, overturned, peak_rotations, prior, gravity, inertia_ratio), OUTSIDE)
     outcomes = np.asarray(overturned)
     if outcomes.shape != (number,):
         raise ValueError(
