@@ -312,7 +312,7 @@ def _read_number(table: Table, row: Row, column: int, quantity: str, one_sided: 
     if not domain.contains(np.asarray(value)):
         reason = f"{name} must be {domain.allowed}, got {quote_word(cell)}"
         raise table.text.error(reason, row.line)
-    if value < _SMALLEST_SIZES.get(quantity, 0.0):
+    if value < _SMALLEST_SIZES.get(quantity, -math.inf):
         reason = (
             f"{name} has {quote_word(cell)}, a {quantity} of {1000 * value:.3g} mm; if another"
             " unit was meant, it must stand in the head of the column"
