@@ -144,7 +144,8 @@ def _find_unit(option: str, arguments: Iterable[Argument]) -> str:
 
 def _find_help(option: str, arguments: Iterable[Argument]) -> str:
     """Find the help of an option, which an argument of an error does not have."""
-    return next((one.parameter.help or "" for one in arguments if one.name == option), "")
+    texts = (argument.parameter.help for argument in arguments if argument.name == option)
+    return next(texts, None) or ""
 
 
 def _describe_command(word: str, application: App) -> str:

@@ -14,7 +14,7 @@ from ..block import RECTANGLE_INERTIA_RATIO, SIZES_IN_WORDS, size_of
 from ..host import map_in_threads
 from ..impact import count_half_cycles, housner_restitution, one_sided_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
-from ..validation import check_kind
+from ..validation import check_concrete, check_kind
 
 _HALF_CYCLES = {"1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0, "unlimited": math.inf}
 # Numbers and texts by their names, and more of these.
@@ -87,6 +87,7 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     1.111 s
     """
     check_kind("scene", scene, Scene)
+    check_concrete(scene, "an assessment is a text of numbers")
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
         raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")
