@@ -8,12 +8,15 @@ import importlib
 import inspect
 import io
 import os
+import re
 from pathlib import Path
 from typing import ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
 from docutils.statemachine import StringList
+from latex2mathml.converter import convert
+from sphinx.errors import ExtensionError
 
 import jaxrock
 from jaxrock.cli import main
@@ -26,14 +29,14 @@ os.environ["COLUMNS"] = "90"  # of what commands print
 root_doc = "docs/index"
 include_patterns = ["docs/*.md", "docs/reference/*.md", "notebooks/*.ipynb", "CHANGELOG.md"]
 exclude_patterns = ["docs/releasing.md"]
-# Of MathJax a page has the address only: without a network formulas stay as they are written.
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+html_math_renderer = "mathml"  # below: browsers draw it without a script and without a network
 
 nb_execution_mode = (
     "off"  # shown with the outputs stored in them, which the tests compute anew
 )
 myst_heading_anchors = 3
-myst_enable_extensions = ["colon_fence", "dollarmath"]
+myst_enable_extensions = ["attrs_inline", "colon_fence", "dollarmath"]
 
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
@@ -51,6 +54,13 @@ html_theme = "furo"
 html_title = f"jaxrock {release}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+repository = "https://github.com/jaxrock/jaxrock"
+html_theme_options = {
+    "source_repository": repository,
+    "source_branch": "main",
+    "source_directory": "",
+    "footer_icons": [{"name": "GitHub", "url": repository, "html": "GitHub", "class": ""}],
+}
 
 
 class CommandHelp(Directive):
@@ -110,6 +120,27 @@ def skip(app, what, name, obj, *_):
     )
 
 
+def draw_inline(writer, node):
+    """Write a formula in a line of text as MathML."""
+    writer.body.append(to_mathml(node.astext(), "inline"))
+    raise nodes.SkipNode
+
+
+def draw_display(writer, node):
+    """Write a formula between lines of text as MathML; a wide one scrolls by itself."""
+    writer.body.append(f'<div class="math">{to_mathml(node.astext(), "block")}</div>')
+    raise nodes.SkipNode
+
+
+def to_mathml(formula, display):
+    """Convert LaTeX to MathML; a command that the converter does not know ends the build."""
+    text = convert(formula, display=display)
+    if "\\" in text:
+        raise ExtensionError(f"no MathML for the formula {formula!r}")
+    # Of "cosh pt" the converter leaves the blank out.
+    return re.sub(r"(<mi>[a-z]{2,}</mi>)(?=<m[in])", r'\1<mspace width="0.17em"/>', text)
+
+
 def enter_by_the_front_door(app, exception):
     """Lead from the folder itself to the first page."""
     if exception is None and app.builder.name == "html":
@@ -121,5 +152,6 @@ def setup(app):
     """Connect what is above; called by Sphinx."""
     app.add_directive("command-help", CommandHelp)
     app.add_directive("public-names", PublicNames)
+    app.add_html_math_renderer("mathml", (draw_inline, None), (draw_display, None))
     app.connect("autodoc-skip-member", skip)
     app.connect("build-finished", enter_by_the_front_door)

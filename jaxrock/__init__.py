@@ -1,9 +1,9 @@
 """Rocking of rigid blocks on JAX: resonance spectra, sensitivities, inverse design.
 
 All functions are elementwise: arguments are numbers or arrays that broadcast against each
-other. Answers have the shape that results, ``(...)`` in the docstrings. Everything is in SI
-units and radians. An argument out of range raises `ValueError` where it is concrete, and gives
-NaN with derivative zero where it is traced.
+other. Answers have the broadcast shape, ``(...)`` in the docstrings. Everything is in SI
+units and radians. A concrete argument out of range raises `ValueError`. A traced one gives
+NaN, with derivative zero.
 
 Two models describe the motion, `Linearized` and `Nonlinear`; every function that needs one
 takes it as ``model=``, itself or by its name. The defaults are the paper's own: the closed
@@ -15,18 +15,22 @@ packages: `resonance`, `ground_motion`, `driven`, `steady`, `overturning`, `sens
 `calibration`, `accuracy`, `grids`, `spectra`, `risk`, `plot`, `reports`.
 ``jaxrock.__version__`` is the version.
 
-JAX has threads, which a process made by `os.fork` lacks: it can hang at the first computation.
-Processes beside each other are started with "spawn" or "forkserver", as in
+JAX uses threads, which do not survive `os.fork`: a forked process can hang at its first
+computation. Start parallel processes with "spawn" or "forkserver", as in
 ``multiprocessing.get_context("spawn").Pool()``.
 """
 
 import difflib
 import importlib.metadata
+from pathlib import Path
 
 import lazy_loader
 
 # A name listed in `__init__.pyi` is imported when it is used first: JAX takes a second.
 _find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+_MOVED = {"dynamics": "divided into jaxrock.driven and jaxrock.steady"}  # since 0.3.0
 
 
 def __getattr__(name: str) -> object:
@@ -37,6 +41,16 @@ def __getattr__(name: str) -> object:
     except AttributeError:
         if name in __all__:  # of the inside, while it is imported
             raise
-        near = difflib.get_close_matches(name, __all__, 1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise AttributeError(f"jaxrock has no {name!r}{hint}") from None
+    place = _MOVED.get(name) or _find_place(name)
+    near = difflib.get_close_matches(name, __all__, 1)
+    hint = f"; it is {place}" if place else f"; did you mean {near[0]!r}?" if near else ""
+    raise AttributeError(f"jaxrock has no {name!r}{hint}")
+
+
+def _find_place(name: str) -> str | None:
+    """Find the package that lists a name; its face is read, since importing it takes long."""
+    for face in sorted(Path(__file__).parent.glob("*/__init__.py")):
+        package = face.parent.name
+        if package in __all__ and f'"{name}"' in face.read_text(encoding="utf-8"):
+            return f"jaxrock.{package}.{name}"
+    return None

@@ -61,7 +61,7 @@ LARGEST_SIZES = {"width": 30.0, "height": 100.0}
 class Block(Printed, Checked):
     """A rigid body standing on two edges on a rigid base (Fig. 1), by default a rectangle.
 
-    Any body will do that is symmetric about its middle: a column, a vase, a display case, a
+    It can be any body that is symmetric about its middle: a column, a vase, a display case, a
     statue on its pedestal. Its centre of mass is at the height a, which is half the height of
     a homogeneous rectangle; b is half the distance between the edges.
 
@@ -76,9 +76,9 @@ class Block(Printed, Checked):
         of the same mass in its centre; finite and at least 1. It is 4 / 3 for a homogeneous
         rectangle, less where the mass is closer to its centre, more where it is further away.
     one_sided : bool
-        Whether it rocks about one edge only, against a wall, as a facade does before its
-        transverse walls: it rotates to positive angles, and an impact throws it back. See
-        `one_sided_restitution`. No part of the numbers: all blocks of an array are alike.
+        Whether it stands against a wall and rocks about one edge only, as a facade does in
+        front of its transverse walls. It rotates to positive angles, and an impact throws it
+        back; see `one_sided_restitution`. It is one static value for all blocks of an array.
 
     Examples
     --------
@@ -147,10 +147,11 @@ class Block(Printed, Checked):
         inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
         one_sided: bool = False,
     ) -> "Block":
-        """Make the block of a given full width 2b [m] and height 2a [m].
+        """Make the block with a given full width 2b [m] and height 2a [m].
 
-        Derivatives with respect to these sides are at fixed height and at fixed width. A
-        warning says if a side is so long that it is likely in centimetres or millimetres.
+        Derivatives with respect to the width are at fixed height, those with respect to the
+        height at fixed width. A warning is given for a side so long that it is probably in
+        centimetres or millimetres.
 
         Parameters
         ----------
@@ -192,11 +193,11 @@ class Block(Printed, Checked):
         *,
         one_sided: bool = False,
     ) -> "Block":
-        """Make the block of a frequency parameter p [1/s] and a critical angle alpha_c [rad].
+        """Make the block with a frequency parameter p [1/s] and a critical angle alpha_c [rad].
 
-        Both can be measured without opening the body. They decide how it
-        rocks on moving ground. The inertia ratio then decides only its size, the forces on the
-        ground and Housner's restitution.
+        Both can be measured without knowing how the mass is distributed. They determine how
+        the body rocks on moving ground. The inertia ratio then determines only its size, the
+        forces on the ground and Housner's restitution.
 
         Parameters
         ----------
@@ -249,8 +250,8 @@ class Block(Printed, Checked):
             Half the distance between the edges, and the height of the centre of mass [m],
             finite and greater than 0.
         mass : array_like
-            m [kg], finite and greater than 0. It may be per unit of length, as may the moment
-            of inertia.
+            m [kg], finite and greater than 0. Mass and moment of inertia may both be per unit
+            of length.
         inertia_about_centre : array_like
             The moment of inertia I_c about the axis through the centre of mass, parallel to
             the edges [kg m2], finite and at least 0.
@@ -287,7 +288,7 @@ class Block(Printed, Checked):
     @property
     @elementwise()
     def height(self) -> Reals:
-        """Full height, twice that of the centre of mass, 2a = 2 lambda b [m]."""
+        """Full height, twice the height of the centre of mass, 2a = 2 lambda b [m]."""
         return 2 * self.slenderness * self.half_width
 
     @property

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
+import scenes
 
 import jaxrock as jr
 from jaxrock.cli import main
@@ -115,3 +116,17 @@ def test_sizes_that_are_hardly_meant_in_metres():
         jr.resonance_spectrum(5.0, [40.0, 80.0], 0.6, 0.15)
     jr.Block.from_size(width=30.0, height=100.0)
     jax.jit(lambda width: jr.Block.from_size(width=width, height=1.0).half_width)(600.0)
+
+
+def test_intensities_that_are_hardly_meant_in_metres():
+    suite = scenes.suite()
+    sentence = (
+        "the hazard reaches a peak ground velocity of 150 m/s, more than any earthquake; if"
+        " cm/s was meant, it is 1.5 m/s"
+    )
+    with pytest.warns(UserWarning, match=f"^{sentence}$"):
+        jr.Site(suite, jr.Hazard([10.0, 150.0], [1e-2, 1e-4]), "pgv")
+    with pytest.warns(UserWarning, match=r"acceleration of 600 m/s2, .* it is 6 m/s2"):
+        jr.Site(suite, jr.Hazard([10.0, 600.0], [1e-2, 1e-4]), "pga")
+    for measure, largest in (("pgv", 20.0), ("pga", 100.0)):
+        jr.Site(suite, jr.Hazard([0.1, largest], [1e-2, 1e-4]), measure)

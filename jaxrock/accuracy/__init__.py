@@ -1,4 +1,4 @@
-"""Costs of a simpler model, the cheapest one that is good enough, and the trade measured."""
+"""Errors of simpler models, the cheapest model within a tolerance, and measured trade-offs."""
 
 from .cheapest_setting import Choice, choose
 from .linearized_range import is_linearized_enough as is_linearized_enough

@@ -22,6 +22,7 @@ from ..validation import (
     check,
     check_concrete,
     check_kind,
+    describe,
     is_traced,
 )
 from .model_errors import Answers, ModelError, model_error
@@ -50,22 +51,23 @@ _PULSED_SLIP = 1e-8
 
 
 class Choice(Printed, eqx.Module):
-    """The cheapest setting that keeps a tolerance; see `choose`.
+    """The cheapest setting whose error is within a tolerance; see `choose`.
 
     Attributes
     ----------
     index : Array of int
-        Which of the `settings`.
+        Index into `settings`.
     error : Array
-        Bound on its relative error, as predicted.
+        Predicted bound on the relative error of this setting.
     within_tolerance : Array of bool
-        Whether that is within the tolerance. Where it is not, the setting is the best one.
+        Whether `error` is within the tolerance. If not, the setting is the most accurate one.
     tolerance : float
         The relative tolerance.
     settings : tuple of Setting
-        All that were on offer, from the cheapest on: level, bits, and rtol of the batch.
+        All settings that were compared, the cheapest first: level of fidelity, bits, and rtol
+        of the batch.
     reasons : tuple of str
-        Of a single scene, what each simplification costs.
+        For a single scene, the error that each simplification causes, in words.
     """
 
     index: Integers
@@ -77,7 +79,7 @@ class Choice(Printed, eqx.Module):
 
     @property
     def setting(self) -> Setting:
-        """The setting, of a single scene.
+        """The setting for a single scene.
 
         Raises
         ------
@@ -110,7 +112,7 @@ def choose(
     shape: type[Pulse] | None = None,
     duration: Number = 0.0,
 ) -> Choice:
-    """Choose the cheapest level of fidelity, precision and tolerance that keep a tolerance.
+    """Choose the cheapest level of fidelity, precision and `rtol` within a tolerance.
 
     Parameters
     ----------
@@ -118,12 +120,12 @@ def choose(
         Elementwise: every element gets a setting of its own.
     tolerance : float
         Relative; on the rotation ratio, the period and the critical intensity of a `Scene`,
-        on the peak rotation of a `DrivenScene`. A setting that lets a block stand although it
-        overturns keeps no tolerance.
+        on the peak rotation of a `DrivenScene`. A setting is never within tolerance if it
+        predicts that a block stands which overturns.
     shape : type, optional
         `Rectangular` or `HalfSine`, the pulses of a `Scene`; instantaneous unless given.
     duration : array_like, optional
-        Of those pulses [s].
+        Duration of those pulses [s].
 
     Returns
     -------
@@ -137,10 +139,9 @@ def choose(
     Notes
     -----
     The setting for a `Scene` follows from `model_error`, before anything is computed under
-    pulses of finite duration. The setting for a `DrivenScene` follows from a trial by
-    `respond_within`, which also simulates the motion less accurately.
-    On offer is 64 bits if JAX is set to it, else 32 only; for a `DrivenScene` its own
-    precision.
+    pulses of finite duration. For a `DrivenScene` the motion is simulated by
+    `respond_within`, which compares it with less accurate simulations. 64 bits are considered
+    only if JAX is set to them; a `DrivenScene` keeps its own precision.
 
     Examples
     --------
@@ -220,7 +221,7 @@ def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     motion = scene.motion
     if not isinstance(motion, Pulse | Harmonic | Record):
         raise ValueError(
-            f"motion must be a pulse, a Harmonic or a Record, got a {type(motion).__name__}"
+            f"motion must be a pulse, a Harmonic or a Record, got {describe(motion)}"
         )
     within = respond_within(scene.block, scene.restitution, motion, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)

@@ -78,20 +78,22 @@ class Answers(Printed, eqx.Module):
 
 
 class ModelError(Printed, eqx.Module):
-    """Relative costs of simplifying a scene; see `model_error`.
+    """Relative errors of simplifying a scene; see `model_error`.
 
     Attributes
     ----------
     linearization : Answers
-        `Linearized` over `Nonlinear`, less 1: exact up to rounding.
+        `Linearized` over `Nonlinear`, minus 1; exact up to rounding.
     duration : Answers
-        Instantaneous pulses over pulses of finite duration, less 1: to first order in it.
+        Instantaneous pulses over pulses of finite duration, minus 1; to first order in the
+        duration.
     duration_bound : Answers
         Bound on the error of `duration`, with rounding; inf where nothing is known.
     rounding : dict
-        For the models "linearized" and "nonlinear" and 32 and 64 bits: bound on what rounding
-        costs, of the arguments (if they are given in a higher precision) and on the way. Of
-        a scene given in float32, whose arguments need no rounding, also for 64 bits.
+        Bound on the rounding error, for the models "linearized" and "nonlinear" and for 32
+        and 64 bits. It includes rounding during the computation, and rounding of the
+        arguments if they are given in a higher precision. For a scene given in float32, whose
+        arguments need no rounding, the bound for 64 bits is given as well.
     """
 
     linearization: Answers
@@ -114,8 +116,8 @@ class ModelError(Printed, eqx.Module):
     def total(self, model: str, bits: int) -> Answers:
         """Bound on the error of a model in a precision; inf where nothing is known.
 
-        It includes the rounding of `linearization` itself, so that it is no better than the
-        precision the scene was given in.
+        It includes the rounding error of `linearization`, which was computed in the precision
+        of the scene.
 
         Parameters
         ----------
@@ -160,7 +162,7 @@ class ModelError(Printed, eqx.Module):
 def model_error(
     scene: Scene, shape: type[Pulse] | None = None, duration: Number = 0.0
 ) -> ModelError:
-    """Bound what simplifications cost a scene, before anything expensive is computed.
+    """Bound the errors of simplifying a scene, before computing anything expensive.
 
     Parameters
     ----------
@@ -169,14 +171,14 @@ def model_error(
         `Rectangular` or `HalfSine`, the pulses that have an intensity; instantaneous unless
         given.
     duration : array_like, optional
-        Of the pulses [s], at least 0.
+        Duration of the pulses [s], at least 0.
 
     Returns
     -------
     ModelError
-        Of the stabilized rotation ratio and period and of the critical intensity. Where a
-        simplification lets a block stand that overturns, or the other way round, its cost
-        is inf; where it overturns for sure with and without, 0.
+        Errors of the stabilized rotation ratio and period and of the critical intensity. If a
+        simplification changes the outcome (standing or overturning), its error is inf. If the
+        block certainly overturns with and without it, the error is 0.
 
     Raises
     ------
@@ -185,14 +187,15 @@ def model_error(
 
     Notes
     -----
-    To first order in the duration d of the pulses, the velocity at which the block settles
-    is ``1 + e (w v* I / g - (1 - C) m)`` times that under instantaneous ones, with ``e = d g
-    tan(alpha_c) / I`` (what just lifts the block over the mean acceleration of the pulse), m
-    the centroid of the pulse in durations and ``w = C m + (1 - C) n``, n the integral of the
-    pulse times the second integral of itself. The remainder, bounded by
-    ``0.3 e^2 (1 - C + v* I / g)``, is from a search for the largest one by comparisons with
-    the equation of motion, for slenderness from 0.5 and e up to 0.8: 0.24 instead of 0.3.
-    Beyond, and where a half-sine starts too weakly to hold a slow block up, the bound is inf.
+    To first order in their duration d, pulses change the stabilized velocity by the factor
+    ``1 + e (w v* I / g - (1 - C) m)``. Here ``e = d g tan(alpha_c) / I`` is the acceleration
+    that just lifts the block over the mean acceleration of the pulse, m is the centroid of
+    the pulse in durations, and ``w = C m + (1 - C) n``, where n is the integral of the pulse
+    times its own second integral. The remainder is bounded by ``0.3 e^2 (1 - C + v* I / g)``.
+    This bound is empirical: the largest remainder in a search, which compared the estimate
+    with the equation of motion for slenderness from 0.5 and e up to 0.8, has 0.24 instead of
+    0.3. Outside this range the bound is inf, and also where a half-sine starts too weakly to
+    keep a slow block off the ground.
 
     Examples
     --------

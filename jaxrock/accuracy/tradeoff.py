@@ -80,32 +80,34 @@ class _Dials:
 
 @dataclass(frozen=True, repr=False)
 class Tradeoff(Printed):
-    """Error and time of each setting, as `measure_tradeoff` finds them.
+    """Error and time of each setting; see `measure_tradeoff`.
 
     Attributes
     ----------
     dataset : xarray.Dataset
-        Along the dimension setting the variables label, level, solver, tolerance, bits, batch,
-        default, error, seconds (per answer, median), spread (relative, between the
-        quartiles), compilation (seconds), behind (time over that of the fastest setting of the
-        same batch that is no less accurate) and front: 1 where that is the setting itself.
-        `front_of_level` compares within the level of fidelity.
+        Has the dimension setting and the variables label, level, solver, tolerance, bits,
+        batch, default, error, seconds (median time per answer), spread (interquartile range
+        of the time over its median), compilation (seconds), behind, front and front_of_level.
+        behind is the time over the time of the fastest setting of the same batch that is at
+        least as accurate. front is 1 where this is the setting itself; front_of_level
+        compares settings of one level of fidelity only.
     """
 
     dataset: "xarray.Dataset"
 
     def best(self, tolerance: float, batch: int | None = None) -> str | None:
-        """Name the fastest setting that keeps a relative tolerance.
+        """Name the fastest setting within a relative tolerance.
 
         Parameters
         ----------
         tolerance, batch : float, int, optional
-            Relative; among the settings measured at this size of batch, of all unless given.
+            Relative tolerance, and size of batch of the settings to consider; all sizes by
+            default.
 
         Returns
         -------
         str or None
-            None if no setting keeps it.
+            None if no setting is within the tolerance.
         """
         enough = self.dataset.to_dataframe().query("error <= @tolerance")
         enough = enough if batch is None else enough.query("batch == @batch")
@@ -131,7 +133,7 @@ class Tradeoff(Printed):
         return "; ".join(uses) + "."
 
     def notes(self) -> list[str]:
-        """Say which values of a dial are on no front, in a sentence for each such dial.
+        """List the levels, solvers and precisions that are never on a front.
 
         Returns
         -------
@@ -169,7 +171,7 @@ class Tradeoff(Printed):
 def measure_tradeoff(
     scene: Scene | DrivenScene | None = None, *, repeats: int = 15
 ) -> Tradeoff:
-    """Measure error and time of everything that can be dialled.
+    """Measure the error and the time of every combination of level, solver and precision.
 
     Parameters
     ----------
@@ -185,14 +187,14 @@ def measure_tradeoff(
     Raises
     ------
     ValueError
-        If JAX is not set to 64 bits, if the scene holds arrays, or does not rock.
+        If JAX is not set to 64 bits, or if the scene holds arrays or does not rock.
 
     Notes
     -----
-    The error is the largest among eight scenes whose sizes are up to 5 % apart: of rotation
-    ratio and period of a `Scene`, of the peak rotation of a `DrivenScene`. A single pulse
-    that has an intensity is also taken as instantaneous, in closed form. Shows its progress
-    if standard error is a terminal.
+    The error is the largest over eight scenes whose sizes differ by up to 5 %. It is the
+    error of rotation ratio and period for a `Scene`, and of the peak rotation for a
+    `DrivenScene`. A single pulse that changes the ground velocity is also treated as
+    instantaneous, in closed form. Progress is shown if standard error is a terminal.
     """
     if jnp.result_type(float) != jnp.float64:
         raise ValueError("JAX must be set to 64 bits to measure what less costs")
@@ -230,11 +232,10 @@ def measure_tradeoff(
         jax.block_until_ready(call())
     once = time.perf_counter() - begin_all
     announce(f"timing {len(calls)} settings {repeats} times takes some {repeats * once:.0f} s")
-    for repeat in show_progress(range(repeats), "timing"):
-        for k, call in enumerate(calls):
-            begin = time.perf_counter()
-            jax.block_until_ready(call())
-            seconds[repeat, k] = time.perf_counter() - begin
+    for repeat, k in show_progress([*np.ndindex(seconds.shape)], "timing"):
+        begin = time.perf_counter()
+        jax.block_until_ready(calls[k]())
+        seconds[repeat, k] = time.perf_counter() - begin
     quartiles = np.quantile(seconds, [0.25, 0.5, 0.75], axis=0).T
     for row, (low, median, high) in zip(rows, quartiles, strict=True):
         row |= {"seconds": median / row["batch"], "spread": (high - low) / median}
@@ -328,18 +329,17 @@ def _compute_truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
         rounding = model_error(scene).rounding["nonlinear"][64]
         floor = max(float(rounding.rotation_ratio), float(rounding.period))
         return np.asarray(_compute_closed_form(sample, Nonlinear())), floor
-    peaks = []
-    for rtol in (1e-9, 1e-10, 1e-11, 1e-12):
-        dials = _Dials("adaptive", 64, 1, "Tsit5", rtol)
-        sample = _vary_size(scene, _SAMPLE, dials)
-        peaks.append(
-            np.stack(
-                [
-                    _compute_answer(dials, _choose_duration(scene), varied_scene)
-                    for varied_scene in sample
-                ]
-            )
+    settings = [
+        _Dials("adaptive", 64, 1, "Tsit5", rtol) for rtol in (1e-9, 1e-10, 1e-11, 1e-12)
+    ]
+    sample = _vary_size(scene, _SAMPLE, settings[0])
+    answers = [
+        _compute_answer(dials, _choose_duration(scene), varied_scene)
+        for dials, varied_scene in show_progress(
+            [*itertools.product(settings, sample)], "motions to compare with"
         )
+    ]
+    peaks = np.stack(answers).reshape(len(settings), _SAMPLE)
     # A stricter tolerance changes less and less, until rounding takes over.
     changes = [float(np.max(np.abs(b / a - 1))) for a, b in itertools.pairwise(peaks)]
     best = int(np.argmin(changes))

@@ -45,31 +45,30 @@ _LEAST_ROOM = 512  # for impacts in a list, so that most tests take the same pro
 
 
 class DrivenFit(Printed, eqx.Module):
-    """Numbers of a block by a test on a shaking table; see `fit_driven_rocking`.
+    """Parameters of a block fitted to a test on a shaking table; see `fit_driven_rocking`.
 
     Attributes
     ----------
     parameters : tuple of str
-        The names of the numbers fitted.
+        The names of the fitted parameters.
     values, standard_errors : dict of Array
-        Of these, by name.
+        Values of these and their standard errors, by name.
     covariance : Array, shape (parameters, parameters)
-        In their order.
+        Covariance of these, in their order.
     restitution, block : Array, Block
-        With the numbers fitted in place, ready for everything else.
+        The coefficient of restitution and the block, with the fitted values.
     rotation, residuals : Array, shape (n,)
-        The rotation computed [rad], and how much that is more than the measured one [rad].
+        Computed rotation, and computed minus measured rotation [rad].
     rotation_noise : Array
         Standard deviation of a measured rotation [rad], given or estimated.
     used_until, last_time : Array
-        Time up to which the measurements count [s]. Beyond it the computed motion goes another
-        way: impacts come in another order, or so much follows from a small change that
-        derivatives mean nothing.
+        Time up to which measurements are used, and time of the last one [s]. Beyond
+        `used_until` the computed motion departs from the measured one: impacts come in
+        another order, or the motion is so sensitive that derivatives are meaningless.
     same_order : Array of bool
-        True if the computed and the measured block are never seen on opposite sides, up to the
-        end.
+        True if the computed and the measured block are at no time observed on opposite sides.
     status : Array of int
-        A `jaxrock.Status`: COMPLETE, or NOT_CONVERGED for the part that counts.
+        A `jaxrock.Status`: COMPLETE, or NOT_CONVERGED for the part that is used.
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)
@@ -88,7 +87,7 @@ class DrivenFit(Printed, eqx.Module):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences to know before the numbers are used."""
+        """Remarks to read before using the results."""
         sentences = []
         status = describe_status(self.status)
         if status:
@@ -127,20 +126,21 @@ def fit_driven_rocking(
 ) -> DrivenFit:
     """Fit the restitution of a block to its rotation measured on a shaking table.
 
-    By least squares through `respond` and its derivatives, over one more part of the motion
-    after another: an impact in another order would put the block on another side, from where
-    no derivative leads back.
+    The fit minimizes least squares with `respond` and its derivatives. It extends the fitted
+    part of the motion step by step: an impact in another order would put the block on the
+    other side, from which no derivative leads back.
 
     Parameters
     ----------
     time, rotation : array_like, shape (n,)
-        Increasing times [s] and the rotations alpha measured there [rad], positive to the side
-        to which a positive acceleration pushes; NaN where unknown.
+        Increasing times [s], and the rotations alpha measured at these times [rad], NaN where
+        unknown. A positive acceleration pushes the block to positive rotations.
     block, motion : Block, Motion
-        The block, and what the table did.
+        The block, and the motion of the table.
     restitution : float, optional
-        C to begin with, or C where it is not fitted. By default the best of several, from 0.5
-        to 0.98, in the first part of the motion; Housner's where C is not fitted.
+        Initial value of C, or its value if C is not fitted. By default the fit starts from
+        that of several values, from 0.5 to 0.98, which explains the first part of the motion
+        best; if C is not fitted, it is Housner's.
     parameters : sequence of str
         What is fitted: "restitution", "slenderness", "half_width", "inertia_ratio".
     initial_rotation, initial_velocity : float
@@ -158,15 +158,16 @@ def fit_driven_rocking(
     Raises
     ------
     ValueError
-        If an argument is out of range, traced, or not of the shape it has to be; if the block
-        is one-sided; if the measured block hardly moves, or the one computed overturns or does
-        not move for all C tried.
+        If an argument is out of range, traced or of the wrong shape; if the block is
+        one-sided; if the measured block hardly moves; or if the computed block overturns, or
+        does not move, for all initial values of C.
 
     Notes
     -----
-    Standard errors describe the neighbourhood of the motion found. The longer a test, the
-    smaller they are, and the more other motions nearly fit it: a C that is many of the final
-    standard errors away, but within those of the first impacts, may explain it as well.
+    Standard errors are local: they describe the neighbourhood of the fitted motion. In a
+    longer test they are smaller, but more other motions nearly fit it. A C that is many
+    standard errors away, but within the standard errors of the first impacts alone, may
+    explain the test as well.
 
     Examples
     --------

@@ -17,7 +17,7 @@ NEGLIGIBLE = 1e-6  # change of C, however significant: exact times make any chan
 
 
 class FreeRockingFit(Printed, eqx.Module):
-    """Numbers of a block by a test of free rocking; see `fit_free_rocking`.
+    """Parameters of a block fitted to a test of free rocking; see `fit_free_rocking`.
 
     Attributes
     ----------
@@ -27,32 +27,35 @@ class FreeRockingFit(Printed, eqx.Module):
         Velocity after the first impact over the critical one [-], and the time of that
         impact [s].
     standard_errors : dict of Array
-        By the names above; 0 of what was given.
+        By the names above; 0 for a parameter that was given.
     covariance : Array, shape (5, 5)
-        Of `names`, in that order.
+        Covariance of the parameters, in the order of `names`.
     time_residuals, rotation_residuals : Array
-        Computed less measured [s], [rad]; NaN where a measurement was left out.
+        Computed minus measured times [s] and peaks [rad]; NaN where a measurement was left
+        out.
     time_noise, rotation_noise : Array
         Standard deviations of a measured time [s] and peak [rad], given or estimated.
     impact_times : Array, shape (n,)
-        As they were given [s]; none if only peaks were.
+        The times as they were given [s]; empty if only peaks were given.
     impact_numbers : Array of int, shape (n,)
-        Which impact each time belongs to, from 0 on.
+        Number of the impact that each time belongs to, from 0 on.
     used : Array of bool, shape (n,)
-        Whether the time counts.
+        Whether the fit uses the time.
     velocity_ratios, restitutions, restitution_errors : Array, shape (n - 2,)
-        Velocity before each impact but the first and the last, over the critical one, C of
-        that impact alone, and its standard error; NaN beside missing impacts.
+        For each impact except the first and the last: velocity before it over the critical
+        velocity, C of this impact alone, and the standard error of this C; NaN next to
+        missing impacts.
     restitution_change, restitution_change_error, restitution_change_p_value : Array
-        C of the largest impact less that of the smallest, if it is linear in the velocity; how
-        often a constant C would seem to change as much.
+        C of the largest impact minus C of the smallest one, if C is linear in the velocity;
+        its standard error; and the probability that a constant C seems to change as much.
     frequency_p_value : Array
-        How often durations of the given block would fit another p as much better; NaN where
+        Probability that durations of the given block fit another p as much better; NaN where
         p is fitted.
     degrees_of_freedom : Array
-        Measurements less fitted numbers.
+        Number of measurements minus number of fitted parameters.
     block : Block or None
-        The block given, or of the p and alpha_c fitted; with `restitution` ready for all else.
+        The given block, or the block with the fitted p and alpha_c if both are known; else
+        None.
     model : str
         The equation of motion, ``"linearized"`` or ``"nonlinear"``.
     repairs : tuple of str
@@ -95,7 +98,7 @@ class FreeRockingFit(Printed, eqx.Module):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences to know before the numbers are used."""
+        """Remarks to read before using the results."""
         # What was done to the measurements comes first: all other numbers follow from it.
         sentences = [*self.repairs, *self.notes]
         change = abs(float(self.restitution_change)) > NEGLIGIBLE

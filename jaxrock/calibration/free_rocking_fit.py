@@ -50,31 +50,31 @@ def fit_free_rocking(
     """Fit the restitution of a block, and if need be p, to a test in which it rocks freely.
 
     The block is tilted and let go. The times of its impacts are enough, as a microphone or an
-    accelerometer beside it hears them: the launch after an impact decides when the next one
-    comes, and each launch is C times the one before. The fit is by least squares.
+    accelerometer beside it records them: the launch velocity after an impact determines when
+    the next impact comes, and each launch velocity is C times the previous one. The fit is by
+    least squares.
 
     Parameters
     ----------
     impact_times : array_like, shape (n,), optional
         Times of successive impacts [s], increasing.
     block : Block, optional
-        The block, if it is known. Without it p is fitted too, from the times, and alpha_c if
-        there are peaks as well. Of a one-sided block C is the magnitude, and peaks are
-        positive.
+        The block, if it is known. Without it, p is fitted too, and alpha_c if there are peaks
+        as well as times. For a one-sided block C is a magnitude, and peaks are positive.
     peak_rotations : array_like, shape (n - 1,), optional
         Largest rotation between each impact and the next [rad], to either side; NaN where
-        unknown. Without times, those of successive half-cycles, of any number.
+        unknown. Without times, the peaks of successive half-cycles, any number of them.
     model : Linearized or Nonlinear, or their names, optional
-        Equation of motion. By default nonlinear with a block; without one always linearized,
-        since the nonlinear motion depends on the shape.
+        Equation of motion. By default nonlinear with a block. Without a block it is always
+        linearized, since the nonlinear motion depends on the shape.
     frequency_known : bool
-        Whether p is that of the block; if not, only its shape is taken.
+        Whether p is taken from the block. If not, p is fitted, and only the shape is taken.
     time_noise, rotation_noise : float, optional
         Standard deviations of the measured times [s] and peaks [rad], where they are known;
         by default estimated from the residuals.
     repair : bool
-        Whether to look for impacts that are missing, counted twice or out of line: up to four,
-        each of which chance would suggest once in a thousand tests.
+        Whether to search for impacts that are missing, counted twice or outliers. At most
+        four are repaired, each only if chance would suggest it in one of a thousand tests.
 
     Returns
     -------
@@ -83,23 +83,24 @@ def fit_free_rocking(
     Raises
     ------
     ValueError
-        If there are too few measurements, times do not increase or a peak is 0, if an argument
-        is traced, if the motion does not decay, or if no free rocking is near the
-        measurements.
+        If there are too few measurements, times do not increase or a peak is 0, if an
+        argument is traced, if the motion does not decay, or if no free rocking motion is near
+        the measurements.
 
     Notes
     -----
-    Errors of times are taken as independent, of one standard deviation. Standard errors are
-    those of least squares; the tests allow for the degrees of freedom.
+    Errors of times are assumed independent, with a common standard deviation. Standard errors
+    are those of least squares; p-values account for the degrees of freedom.
 
-    Where the two models differ in C by more than its standard error, `remarks` says by how much.
-    For 12 impacts with 1 ms of noise, b = 0.3 m and C = 0.85, they do up to a slenderness of 15
-    if the first launch is 0.9 of the critical velocity, and up to 3 if it is half of that.
+    If the two models differ in C by more than its standard error, `remarks` states the
+    difference. For 12 impacts with 1 ms of noise, b = 0.3 m and C = 0.85, this occurs up to a
+    slenderness of 15 if the first launch is 0.9 of the critical velocity, and up to 3 if it
+    is half of that.
 
-    Without p the durations have to say by their curvature how large the motion is: that takes
-    impacts from near overturning on. Of 13 impacts with 1 ms of noise, b = 0.1 m, lambda = 5,
-    C = 0.9, C is known to 0.0003 and p to 0.3 % if the first launch is 0.95 of the critical
-    one, to 0.001 and 8 % if it is half of it.
+    If p is unknown, only the curvature of the durations shows how large the motion is, which
+    takes impacts that begin near overturning. For 13 impacts with 1 ms of noise, b = 0.1 m,
+    lambda = 5 and C = 0.9, C is known to 0.0003 and p to 0.3 % if the first launch is 0.95 of
+    the critical velocity, and to 0.001 and 8 % if it is half of it.
 
     Examples
     --------

@@ -48,16 +48,16 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
     Parameters
     ----------
     path : str or path
-        A text file, as .csv, with a line for each impact. A line with the names of the columns
-        may come first, such as ``impact,time [ms],peak rotation [deg]``. The column of times,
-        and the one of the largest rotations between an impact and the next, to either side, are
-        found by their names and converted from their units; rotations must state theirs. Other
-        columns, such as a counter, are ignored. A rotation is empty or NaN where unknown, and
-        what stands in the last line is not used. Without names the time comes first [s], and
-        perhaps the rotation after it [rad]. Fields are separated by commas, semicolons, tabs or
-        blanks; decimals stand behind points, or all of them behind commas. Lines that begin
-        with # are comments, unless they name the columns; titles may stand above the names, and
-        units below them.
+        A text file, as .csv, with a line for each impact. A line with the names of the
+        columns may come first, such as ``impact,time [ms],peak rotation [deg]``. The column
+        of times, and the column of the largest rotations between an impact and the next, to
+        either side, are recognized by their names and converted from their units; rotations
+        must state their unit. Other columns, such as a counter, are ignored. A rotation is
+        empty or NaN where unknown; the rotation in the last line is not used. Without names
+        the first column is the time [s], and an optional second one the rotation [rad].
+        Fields are separated by commas, semicolons, tabs or blanks. The decimal separator is a
+        point, or a comma in all numbers. Lines that begin with # are comments, unless they
+        name the columns; titles may stand above the names, and units below them.
 
     Returns
     -------

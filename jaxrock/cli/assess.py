@@ -4,40 +4,49 @@ from .. import resonance
 from ..reports import assessment
 from ..validation import POSITIVE, check
 from .answers import Answer
-from .options import BlockOptions, Output, warn_of_intensity
+from .options import BlockOptions, Output, refuse, warn_of_intensity
 
 
 def assess(
     *,
-    intensity: float = 0.15,
+    intensity: float | None = None,
     tolerance: float | None = None,
     block_options: BlockOptions = BlockOptions(),
     output: Output = Output(),
 ) -> Answer:
-    """Assess one block under pulses timed to its impacts.
+    """Assess one block: its geometry, and the ground pulses that overturn it.
 
-    Geometry, the response to one pulse, the stabilized phase or the half-cycle in which the
-    block overturns, critical pulse intensities and sensitivities, by the linearized and the
-    nonlinear equation side by side. With a height, sensitivities are to the width at this
-    height and the height at this width; else to the half-width at this slenderness and to the
-    slenderness.
+    Critical intensities are those of pulses at the worst moments, right after each impact. With
+    an intensity it also says what pulses of this intensity do: the response to one pulse, the
+    stabilized phase or the half-cycle in which the block overturns, and sensitivities. The
+    linearized and the nonlinear equation stand side by side. With a height, sensitivities are
+    to the width at this height and the height at this width; else to the half-width at this
+    slenderness and to the slenderness.
 
-    Example: jaxrock assess --width 0.8 --height 4 --restitution 0.7
+    Example: jaxrock assess --width 0.8 --height 4 --restitution 0.7 --intensity 0.15
 
     Parameters
     ----------
     intensity
         Change of ground velocity in each pulse [m/s].
     tolerance
-        Name the equation and the precision that are good enough for this relative error.
+        With an intensity, name the equation and the precision that are good enough for this
+        relative error.
     """
     block = block_options.block
     c = block_options.coefficient
-    if tolerance is not None:
-        check("tolerance", tolerance, POSITIVE)
-    warn_of_intensity(intensity)
-    scene = resonance.Scene(block, c, intensity)
-    answers = assessment.assess(scene, tolerance)
+    if intensity is None:
+        refuse("--intensity", tolerance=tolerance)
+        answers = assessment.assess_block(block, c)
+    else:
+        warn_of_intensity(intensity)
+        if tolerance is not None:
+            check("tolerance", tolerance, POSITIVE)
+        answers = assessment.assess(resonance.Scene(block, c, intensity), tolerance)
+    answers["scene"]["restitution_assumed"] = block_options.restitution is None
     # Who gives a height thinks of sides, and who gives none of size and slenderness.
     by_sides = block_options.height is not None
-    return Answer(assessment.write_text(answers, by_sides=by_sides), answers, output)
+    text = assessment.write_text(
+        answers, by_sides=by_sides, restitution=block_options.restitution_text
+    )
+    return Answer(text, answers, output)

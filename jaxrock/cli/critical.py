@@ -102,4 +102,8 @@ def critical(
             save_picture(limits.draw(), folder / "critical.png")
     files = [] if out is None else [out / name for name in _FILES]
     data = {"rows": list_rows(limits.columns), **limits.data}
-    return Answer(limits.text, data, output, files)
+    # Where the restitution is sought, the one that is given does not matter.
+    text = limits.text
+    if along != "restitution":
+        text = f"{block_options.restitution_text}\n{text}"
+    return Answer(text, data, output, files)

@@ -73,8 +73,8 @@ def compute_limits(
     rows = zip(*(columns[name] for name in _PRINTED), strict=True)
     lines = [
         f"{block.width:.6g} m wide, {block.height:.6g} m high (slenderness"
-        f" {block.slenderness:.6g}), restitution {restitution:.6g}; width, size, height and"
-        f" restitution are those that {intensity:g} m/s just overturn",
+        f" {block.slenderness:.6g}); width, size, height and restitution are those that"
+        f" {intensity:g} m/s just overturn",
         *(_LINE.format(*heads).rstrip() for heads in _HEADS),
         *(_LINE.format(*map(_write_cell, row)) for row in rows),
     ]

@@ -121,6 +121,7 @@ def fragility(
     def answer(curves: "xarray.Dataset") -> Answer:
         """Describe the curves, and with a hazard the rate as well."""
         lines, data = _describe_curves(curves, str(suite))
+        lines.insert(0, block_options.restitution_text)
         if site is not None:
             # Of a block that is given by its sides, these are what can be changed.
             by = "shape" if block_options.height is None else "sides"

@@ -9,6 +9,7 @@ from ..block import Block
 from ..driven import uplift_acceleration
 from ..grids import as_axis, write_table
 from ..host import write_whole
+from ..impact import describe_assumed_restitution
 from ..resonance import as_model
 from ..spectra import add_size, harmonic_spectrum, lowest_stable_amplitude
 from ..validation import COUNT, UNIT_INTERVAL, check
@@ -110,6 +111,8 @@ def harmonic(
         write_table(dataset, folder / "harmonic.csv")
         save_picture(plot_harmonic(dataset), folder / "harmonic.png")
     lines, data = _describe_regions(dataset)
+    if restitution is None:
+        lines.insert(1, describe_assumed_restitution(block))
     if width is not None:
         lowest = lowest_stable_amplitude(dataset)
         lines += _describe_frequencies(dataset, lowest)

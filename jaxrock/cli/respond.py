@@ -85,7 +85,7 @@ def respond(
             "velocity_before": np.asarray(response.impact_velocities).tolist(),
         }
         write_csv(folder / "impacts.csv", impacts, _UNITS, about)
-        scene = _describe_scene(block, c, motion_options)
+        scene = _describe_scene(block_options, motion_options)
         _draw(response, scene, folder / "response.png")
         if animate:
             write_film(response, folder / "response.gif")
@@ -137,8 +137,9 @@ def _draw(response: driven.Response, title: str, path: Path) -> None:
     save_picture(figure, path)
 
 
-def _describe_scene(block: Block, restitution: float, options: MotionOptions) -> str:
+def _describe_scene(block_options: BlockOptions, options: MotionOptions) -> str:
     """Describe the block, its restitution, and the motion with its factor."""
+    block = block_options.block
     sizes = f"{block.width:.4g} m wide, {block.height:.4g} m high"
     if options.record is None:
         size = f"{options.amplitude:.4g} m/s2, {options.pulse_duration:.4g} s"
@@ -155,7 +156,7 @@ def _describe_scene(block: Block, restitution: float, options: MotionOptions) ->
         damping = FLOOR_DAMPING if damping is None else damping
         floor = f", on a floor of period {options.floor_period:g} s, damping {damping:g}"
     scaled = f"scaled by {options.factor:g}"
-    return f"{sizes}{wall}, C = {restitution:.4g}, {motion}, {scaled}{floor}"
+    return f"{sizes}{wall}, {block_options.restitution_text}, {motion}, {scaled}{floor}"
 
 
 def _describe_uplift(response: driven.Response, factor: float, scale: float | None) -> str:

@@ -79,8 +79,10 @@ def spectrum(
     out
         Folder to write to; made if it is missing. "spectrum" if not given.
     """
+    assumption = ""
     if restitution is None:
         restitution = (0.4, 0.45, 0.5) if one_sided else (0.6, 0.7, 0.8)
+        assumption = f"\nC = {', '.join(f'{c:g}' for c in restitution)} (assumed)"
     about = describe_options("spectrum", locals())
     if model != "auto":
         refuse("--model auto", tolerance=tolerance)
@@ -109,7 +111,7 @@ def spectrum(
         """Say how many scenes there are, and which fraction of them overturns."""
         sizes = {str(name): size for name, size in dataset.sizes.items()}
         count = math.prod(sizes.values())
-        text = f"{count} scenes, {100 * overturned:.1f} % of them overturn"
+        text = f"{count} scenes, {100 * overturned:.1f} % of them overturn{assumption}"
         data = {"sizes": sizes, "model": model, "overturned": overturned}
         return Answer(text, data, output, files)
 
@@ -165,8 +167,10 @@ def rocking_spectrum(
     out
         Folder to write to; made if it is missing. "rocking_spectrum" if not given.
     """
-    if restitution is None and not one_sided:
-        restitution = (0.9,)
+    assumption = ""
+    if restitution is None:
+        restitution = None if one_sided else (0.9,)
+        assumption = f"\nC {'from size against a wall' if one_sided else '= 0.9'} (assumed)"
     about = describe_options("rocking-spectrum", locals())
     check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
     compute = functools.partial(
@@ -184,7 +188,8 @@ def rocking_spectrum(
     def answer(dataset: "xarray.Dataset", files: Sequence[Path] = ()) -> Answer:
         """Say how many blocks there are, and which fraction of them overturns."""
         overturned = 100 * float(dataset.overturned.mean())
-        text = f"{dataset.overturned.size} blocks, {overturned:.1f} % of them overturn"
+        blocks = f"{dataset.overturned.size} blocks, {overturned:.1f} % of them overturn"
+        text = f"{blocks}{assumption}"
         sizes = {str(name): size for name, size in dataset.sizes.items()}
         return Answer(text, {"sizes": sizes}, output, files)
 

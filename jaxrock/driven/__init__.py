@@ -1,7 +1,7 @@
 """Driven motion: the equation, the overturning criterion, one block and many blocks.
 
-`one_block` goes through every event of one motion with diffrax, `many_blocks` moves thousands
-of blocks side by side along Taylor series; both follow `equation` and decide by
+`one_block` integrates one motion from event to event with diffrax. `many_blocks` integrates
+thousands of motions in parallel with Taylor series. Both use `equation` and
 `overturning_criterion`.
 """
 

@@ -60,8 +60,8 @@ def free_motion_margin(
     The motion begins with a rotation [rad] and velocity [rad/s], with the ground at rest. A
     block beyond the critical angle has not overturned yet: one that moves back fast enough
     returns, and may then overturn on the other side. The margin is smooth through 0. It is
-    continuous but at rotation 0: a block that moves towards the ground loses velocity there if
-    C < 1, a block on the ground does not.
+    continuous except at rotation 0: for C < 1 a block that moves towards the ground loses
+    velocity there, and a block on the ground does not.
 
     Parameters
     ----------

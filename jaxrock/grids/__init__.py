@@ -1,7 +1,7 @@
 """Grids that are computed in parts: in memory, in files, lazily by Dask, in Zarr stores.
 
-Dask and Zarr come with ``jaxrock[cluster]``. Functions that return a dataset over a
-grid take ``chunks`` and are lazy then: `resonance_spectrum`, `rocking_spectrum`,
+Dask and Zarr come with ``jaxrock[cluster]``. With ``chunks``, functions that return a dataset
+over a grid return it lazily: `resonance_spectrum`, `rocking_spectrum`,
 `overturning_spectrum`, `overturning_map`, `harmonic_spectrum` and `fragility`.
 """
 

@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
-    """Write a dataset as CSV: a column each dimension and variable, a row each grid point.
+    """Write a dataset as CSV, a column for each dimension and variable, a row for each point.
 
-    Lines that begin with # say what it was computed from, the heads name the units. Part by
-    part, so that the table need not fit into memory. An existing file is replaced.
+    Lines that begin with # list the inputs, the column heads give the units. The table is
+    written in parts, so that it need not fit into memory. An existing file is replaced.
 
     Parameters
     ----------

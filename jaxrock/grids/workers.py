@@ -24,17 +24,17 @@ _OF_CACHE = {
 
 
 def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
-    """Worker processes on this machine, among which its processors are divided.
+    """Start worker processes on this machine, and divide its processors among them.
 
-    Each runs one task at a time, with as many threads as it has processors. It keeps what
-    it compiles where this process does.
+    Each worker runs one task at a time, with as many threads as it has processors. All
+    workers use the compilation cache of this process.
 
     Parameters
     ----------
     workers : int, optional
         How many, at least 1; by default one for each processor.
     options
-        Further ones of ``distributed.LocalCluster``.
+        Further options of ``distributed.LocalCluster``.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
     Raises
     ------
     ValueError
-        If there is to be no worker.
+        If `workers` is less than 1.
     """
     count = count_processors() if workers is None else workers
     if count < 1:
@@ -56,11 +56,11 @@ def local_cluster(workers: int | None = None, **options: Any) -> LocalCluster:
 
 
 class OwnProcessors(WorkerPlugin):
-    """Divides the processors and accelerators of a machine among its workers, by their names.
+    """Divide the processors and accelerators of a machine among its workers, by their names.
 
-    XLA starts as many threads as its process has processors: workers that have all of them
-    would be in each other's way. Where a batch system gives each worker its own, none of this
-    is needed.
+    XLA starts as many threads as its process has processors, so workers that share all
+    processors would slow each other down. Where a batch system gives each worker its own
+    processors, this plugin is not needed.
 
     Parameters
     ----------

@@ -75,22 +75,22 @@ class Stored(Printed):
 
 
 def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
-    """Compute a lazy dataset into a Zarr store, or go on where an earlier run stopped.
+    """Compute a lazy dataset into a Zarr store, or continue where an earlier run stopped.
 
-    By the scheduler that Dask would take: threads, or the workers of the current
-    ``distributed.Client``. A chunk counts as written once all of its variables are, each of
-    which appears whole or not at all. Until all are there the store has the attribute
-    ``unfinished``, and missing chunks read as NaN or 0. A chunk that is there but cannot be
-    decoded, or not to its size, is computed again.
+    Dask's scheduler computes the chunks: threads, or the workers of the current
+    ``distributed.Client``. A chunk counts as written once all of its variables are; each
+    variable is written whole or not at all. Until all chunks are written the store has the
+    attribute ``unfinished``, and missing chunks read as NaN or 0. A damaged chunk, which
+    cannot be decoded or has the wrong size, is computed again.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        From a function of jaxrock with ``chunks``; along each dimension these have one length,
-        and the last may be shorter.
+        From a function of jaxrock with ``chunks``. Along each dimension all chunks have one
+        length, except the last one, which may be shorter.
     path : str or path
-        A folder, which all workers reach by this path. One that exists is continued, by one
-        run at a time.
+        A folder that all workers reach by this path. An existing store is continued; only one
+        run at a time may write to it.
 
     Returns
     -------
@@ -99,9 +99,9 @@ def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:
     Raises
     ------
     ValueError
-        If the dataset is not lazy or its chunks have several lengths; if what exists belongs
-        to another grid, to other chunks or to another version, or is damaged beside its
-        chunks, in which case it stays untouched; if nothing can be written there.
+        If the dataset is not lazy or its chunks have several lengths; if the existing store
+        belongs to another grid, to other chunks or to another version, or is damaged outside
+        of its chunks (it is left as it is then); if `path` cannot be written to.
 
     Examples
     --------

@@ -18,6 +18,7 @@ from .floor_variants import vary_floor as vary_floor
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
 from .intensity import intensity_measure
+from .intensity import warn_of_large_intensities as warn_of_large_intensities
 from .motion import Motion
 from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine

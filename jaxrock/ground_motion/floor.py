@@ -54,7 +54,7 @@ _ROUNDING = 1e-6
 
 
 class Floor(Printed, Checked):
-    """Linear oscillators whose absolute accelerations make the motion of a floor.
+    """Linear oscillators whose absolute accelerations make up the motion of a floor.
 
     Parameters
     ----------

@@ -1,11 +1,14 @@
 """Intensity measures of ground motions: one number that says how strong a record is."""
 
+import warnings
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from ..block import Block
 from ..numerics import pick_larger, pick_largest
-from ..validation import Reals, as_name, check_kind
+from ..validation import Numbers, Reals, as_name, check_kind, is_traced
 from .record import Record
 
 # The measures that `intensity_measure` knows, by name: in words, the unit, and whether it is
@@ -17,6 +20,36 @@ MEASURES = {
     "pgv_ratio": ("peak ground velocity over g tan(alpha_c) / p", "1", True),
 }
 
+# Far beyond all that instruments on the ground have recorded [m/s2, m/s]; hazard curves end
+# below.
+LARGEST_INTENSITIES = {"pga": 100.0, "pgv": 20.0}
+
+
+def warn_of_large_intensities(name: str, levels: Numbers, measure: str) -> None:
+    """Warn of levels that no earthquake reaches, and that were perhaps given in centimetres.
+
+    Traced levels, and those of measures that are relative to a block, are not looked at.
+
+    Parameters
+    ----------
+    name : str
+        What has these levels, for the warning.
+    levels : array_like
+        [m/s2 or m/s]
+    measure : str
+        One of `MEASURES`.
+    """
+    if measure not in LARGEST_INTENSITIES or is_traced(levels):
+        return
+    largest = float(np.max(np.asarray(levels, float), initial=0.0))
+    if largest > LARGEST_INTENSITIES[measure]:
+        measure_in_words, unit, _ = MEASURES[measure]
+        warnings.warn(
+            f"{name} reaches a {measure_in_words} of {largest:.4g} {unit}, more than any"
+            f" earthquake; if c{unit} was meant, it is {largest / 100:.4g} {unit}",
+            stacklevel=3,
+        )
+
 
 def intensity_measure(record: Record, measure: str, block: Block | None = None) -> Reals:
     """Measure how strong the horizontal motion of a record is.
@@ -26,16 +59,16 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     record : Record
     measure : str
         ``"pga"``, the peak ground acceleration [m/s2]; ``"pgv"``, the peak ground velocity
-        [m/s], from rest on and exact for lines between samples; ``"pga_ratio"``, PGA / (g
-        tan(alpha_c)) [-], above 1 where horizontal motion lifts a block; ``"pgv_ratio"``,
-        p PGV / (g tan(alpha_c)) [-].
+        [m/s], integrated from rest, exactly for straight lines between samples;
+        ``"pga_ratio"``, PGA / (g tan(alpha_c)) [-], above 1 where horizontal motion lifts a
+        block; ``"pgv_ratio"``, p PGV / (g tan(alpha_c)) [-].
     block : Block, optional
         For the two ratios.
 
     Returns
     -------
     Array
-        Of the shape of the scale of the record, broadcast with the block.
+        Has the shape of the scale of the record, broadcast with the block.
 
     Raises
     ------

@@ -34,24 +34,25 @@ class Motion(Printed, Checked):
 
     A new motion provides a `name`, a field `start`, and `end`, `intensity`, `value`, `knots`,
     `next_kink` and `scaled`, which are abstract here. It inherits `shifted`, `horizontal`,
-    `upward` and `acts`, and `bucketed` unless programs would depend on how long it is. These
-    are the promises that integrators rely on:
+    `upward` and `acts`. It overrides `bucketed` if compiled programs would depend on its
+    length. Integrators rely on these properties:
 
-    - A motion is an immutable pytree, and all methods work on traced numbers. But for `knots`,
-      which is for one motion, they are elementwise: numbers may be arrays, whose shapes
-      broadcast against each other and against the time.
-    - The ground is at rest before `start` and from `end` on. Between the two, the acceleration
-      is `value`; beyond them, `value` continues it smoothly, and only `acts` tells the two
-      apart. An integration step that ends at `start` or `end` thus meets no jump.
-    - Between neighbouring kinks (see `next_kink`) `value` is smooth. A motion without kinks
-      answers inf.
-    - Between neighbouring `knots`, the horizontal acceleration is monotone. So it exceeds a
-      level within such an interval only where it does at one of the ends.
+    - A motion is an immutable pytree, and all methods work on traced numbers. Except `knots`,
+      which takes a single motion, they are elementwise: fields may be arrays, which broadcast
+      against each other and against the time.
+    - The ground is at rest before `start` and from `end` on. Between the two, the
+      acceleration is `value`. Outside of them `value` continues it smoothly, so that an
+      integration step that ends at `start` or `end` meets no jump; only `acts` says whether
+      the ground moves.
+    - Between neighbouring kinks (see `next_kink`) `value` is smooth. For a motion without
+      kinks `next_kink` returns inf.
+    - Between neighbouring `knots`, the horizontal acceleration is monotone. So if it exceeds
+      a level within such an interval, it does so at one of the ends.
     - Times are differentiable like values: `end`, the knots and the kinks move with the start
       and the duration, and a step that ends at a kink moves with it.
 
-    The batch does not call these methods. It has a form of each kind of motion of its own, for
-    which a `Harmonic` and a `Record` have one more property each; see there.
+    The batch does not call these methods. It has its own representation of each kind of
+    motion, for which `Harmonic` and `Record` have one more property each.
 
     Attributes
     ----------
@@ -82,7 +83,8 @@ class Motion(Printed, Checked):
     def value(self, time: Reals) -> tuple[Reals, Reals]:
         """Compute the acceleration of the ground, continued smoothly beyond start and end.
 
-        At a kink, it belongs to the interval before it: integration steps end there.
+        At a kink the value is that of the interval before it, since integration steps end
+        there.
 
         Parameters
         ----------
@@ -99,8 +101,8 @@ class Motion(Printed, Checked):
     def knots(self) -> Float[Array, " knots"]:
         """Return times between which the horizontal acceleration is monotone.
 
-        Their number depends on shapes only, never on values, so that it is known to a program.
-        Times may repeat.
+        Their number depends only on shapes, so that it is known at compile time. Times may
+        repeat.
 
         Returns
         -------
@@ -115,7 +117,7 @@ class Motion(Printed, Checked):
         Parameters
         ----------
         time : Array
-            Times [s]. A time within rounding of a kink counts as later than it.
+            Times [s]. A time within rounding of a kink counts as after it.
 
         Returns
         -------
@@ -196,7 +198,7 @@ class Motion(Printed, Checked):
         return _compute_acceleration(self.bucketed(), as_real("time", time, unit="s"))[1]
 
     def acts(self, time: Reals) -> Booleans:
-        """Tell whether the ground moves: from the start on and before the end.
+        """Return whether the ground moves: from the start on and before the end.
 
         Parameters
         ----------
@@ -210,10 +212,9 @@ class Motion(Printed, Checked):
         return (time >= self.start) & (time < self.end)
 
     def bucketed(self) -> "Motion":
-        """Give the motion one of few shapes, so that motions of many lengths share a program.
+        """Pad the motion to one of few shapes, so that motions of many lengths share a program.
 
-        XLA compiles one program for each shape. The answers of the motion that is returned are
-        those of this one.
+        XLA compiles one program for each shape. The returned motion gives the same answers.
 
         Returns
         -------

@@ -38,7 +38,8 @@ class Pulse(Motion):
     Attributes
     ----------
     extremes : tuple of float
-        Where the acceleration has its extremes, in durations from the start; last the end.
+        Times at which the acceleration has its extremes, in durations from the start; the
+        last one is the end.
     area : float
         Intensity over amplitude and duration [-].
     angle : float

@@ -44,7 +44,7 @@ class Record(Motion):
     """A recorded ground motion, linear between samples.
 
     For the batch and for intensity measures, the property ``_last_index`` is the index of the
-    last sample: all samples behind it are padding (see `bucketed`).
+    last sample. All later samples are padding (see `bucketed`).
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ class Record(Motion):
     vertical : array_like, shape (..., samples), optional
         Vertical acceleration [m/s2], positive upward, with the same number of samples.
     scale : array_like, optional
-        Factor on both components [-]. A gradient with respect to it costs one derivative, one
-        with respect to the samples as many as there are.
+        Factor on both components [-]. A gradient with respect to the scale costs one
+        derivative; a gradient with respect to the samples costs one for each sample.
     start : array_like, optional
         Time of the first sample [s], at least 0.
     unit : str, optional
@@ -239,9 +239,9 @@ class Record(Motion):
     ) -> "Record":
         """Compute the motion of a floor of a building on the ground of this record.
 
-        The acceleration of the floor is the sum of the absolute accelerations of its modes,
-        which are linear oscillators, times their participations, and of the acceleration of
-        the ground times 1 minus the sum of the participations.
+        Modes are linear oscillators. The acceleration of the floor is a sum over modes, of
+        participation times absolute acceleration, plus the acceleration of the ground times 1
+        minus the sum of the participations.
 
         Parameters
         ----------
@@ -251,22 +251,24 @@ class Record(Motion):
             Damping ratios [-], between 0 and 1.5, not in per cent; 1 is critical.
         participation : array_like
             Participation of each mode in the motion of the floor [-]: the modal participation
-            factor times the mode shape there. A single number is that of one mode, and arrays
-            of periods or dampings are then as many floors. Of an array, the last axis is the
-            modes, and the axes before are floors.
+            factor times the mode shape there. A single number stands for one mode; arrays of
+            periods or dampings then stand for several floors. The last axis of an array runs
+            over modes, the axes before it over floors.
         time_step : float, optional
-            The longest step of the floor's samples [s], at most that of the record, which is
-            divided by a whole number. By default it is that of the record.
+            Upper bound of the floor's time step [s], at most the record's. The step of the
+            record is divided by a whole number to meet it. By default the step stays that of
+            the record.
         free_vibration : float, optional
-            Free vibration after the end of this record [s], at least 0. By default it ends
-            where all floors stay below 1/1000 of their peaks, and is at most as long as this
-            record; where a value is traced, it is as long as this record.
+            Free vibration after the end of this record [s], at least 0. By default it lasts
+            until all floors stay below 1/1000 of their peaks, but at most as long as this
+            record. If a value is traced, it is as long as this record.
 
         Returns
         -------
         Record
-            Of the same scale and start. Floors are leading axes of its samples, and broadcast
-            with those of this record. The vertical component is the one of the ground.
+            A record with the same scale and start. Floors are leading axes of its samples,
+            and broadcast with the leading axes of this record. The vertical component is that
+            of the ground.
 
         Warns
         -----
@@ -282,11 +284,12 @@ class Record(Motion):
         Notes
         -----
         The accelerations at the samples are exact (N. C. Nigam and P. C. Jennings, Bull.
-        Seismol. Soc. Am. 59 (1969) 909-922, doi:10.1785/BSSA0590020909): from rest at the first
-        sample, under ground that is linear between samples and at rest from the end on. The
-        floor moves between its samples too, where the record of it is a straight line. Where
-        the ground jumps to rest at the end of this record, the modes feel the jump; the part
-        that moves with the ground, and the vertical component, fall within one step.
+        Seismol. Soc. Am. 59 (1969) 909-922, doi:10.1785/BSSA0590020909): the modes start from
+        rest at the first sample, and the acceleration of the ground is linear between samples
+        and 0 from the end on. Between samples the returned record is a straight line, the
+        true motion of the floor is not. If the acceleration of the ground jumps to 0 at the
+        end of this record, the modes respond to the jump; the part that moves with the
+        ground, and the vertical component, fall to 0 within one step.
 
         The object does not act back on its floor.
 

@@ -38,8 +38,8 @@ from .suite_checks import check_measures, check_names, check_records, describe_s
 class Suite(Printed, eqx.Module):
     """Several recorded ground motions, each with its own number of samples and time step.
 
-    What takes one `Record` and many blocks takes a suite as well, and answers with a leading
-    axis for its records.
+    Functions that take one `Record` and many blocks take a suite as well. Their answers then
+    have a leading axis for the records.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class Suite(Printed, eqx.Module):
     names : sequence of str, optional
         Different from each other; by default ``"1"``, ``"2"`` and so on.
     ground : Suite, optional
-        The ground below records that are motions of a floor, record by record, as `on_floor`
-        gives it. Intensities are then those of the ground.
+        The motions of the ground, if the records are motions of a floor: one for each record,
+        as `on_floor` sets them. Intensities are then those of the ground.
     floor : Floor, optional
         The floor with which the records were computed from the records of the ground.
     directions : {1, 2}
@@ -62,9 +62,9 @@ class Suite(Printed, eqx.Module):
     Raises
     ------
     ValueError
-        If there is no record, if one is an array of them, if scales differ in shape, if the
-        names are not one different word for each, or if the ground does not match in records,
-        names, scales or directions.
+        If there is no record, if a record is an array of records, if scales differ in shape,
+        if names are not words that differ, one for each record, or if the ground does not
+        match in records, names, scales or directions.
 
     Examples
     --------
@@ -144,7 +144,7 @@ class Suite(Printed, eqx.Module):
 
     @property
     def recordings(self) -> int:
-        """Number of records, both directions of which count as one [-]."""
+        """Number of records; both directions of a record count as one [-]."""
         return len(self.records) // self.directions
 
     def __len__(self) -> int:
@@ -160,13 +160,16 @@ class Suite(Printed, eqx.Module):
         """
         if isinstance(which, slice):
             ground = None if self.ground is None else self.ground[which]
+            directions = find_directions(which, self.recordings, self.directions)
+            number = len(self.names[which]) // directions
+            part = f"{number} of " if self.source and number < self.recordings else ""
             return Suite(
                 self.records[which],
                 self.names[which],
                 ground=cast("Suite | None", ground),
                 floor=self.floor,
-                directions=find_directions(which, self.recordings, self.directions),
-                source=self.source,
+                directions=directions,
+                source=part + self.source,
             )
         which = as_text(which)
         if isinstance(which, str):
@@ -178,7 +181,8 @@ class Suite(Printed, eqx.Module):
     def measure(self, measure: str, block: Block | None = None) -> Reals:
         """Measure the intensity of each record, as it is scaled now.
 
-        Of a suite on a floor, that of the ground: a hazard is one of the ground.
+        For a suite on a floor it is the intensity of the ground, to which hazard curves
+        refer.
 
         Parameters
         ----------
@@ -205,7 +209,7 @@ class Suite(Printed, eqx.Module):
     def factors(self, levels: Numbers, measure: str, block: Block | None = None) -> Reals:
         """Compute the factors that bring each record to levels of an intensity measure.
 
-        Of a suite on a floor, those that bring the ground to the levels. A floor is linear:
+        For a suite on a floor, they bring the ground to the levels. A floor is linear:
         scaling its motion or the ground is the same.
 
         Parameters
@@ -218,12 +222,12 @@ class Suite(Printed, eqx.Module):
         Returns
         -------
         Array, shape (records, ...)
-            For `scaled` [-], with the axes of the levels last.
+            Factors for `scaled` [-], with the axes of the levels last.
 
         Raises
         ------
         ValueError
-            If a level is not greater than 0, or if a record has none of the measure.
+            If a level is not greater than 0, or if the measure of a record is 0.
         """
         levels = as_real("levels", levels)
         check("levels", levels, POSITIVE)
@@ -302,13 +306,13 @@ class Suite(Printed, eqx.Module):
         Returns
         -------
         Suite
-            With `ground`, this suite: its intensities are still those of the ground, to which
-            hazards and levels belong.
+            Its `ground` is this suite. Its intensities are still those of the ground, to
+            which hazards and levels refer.
 
         Warns
         -----
         UserWarning
-            As `Record.on_floor`, of the record for which it is worst.
+            As in `Record.on_floor`, for the record of which lines miss most.
 
         Raises
         ------
@@ -356,8 +360,8 @@ class Suite(Printed, eqx.Module):
     def both_directions(self) -> "Suite":
         """Add the reverse of each record: its horizontal acceleration in the other direction.
 
-        For blocks that are one-sided. The two directions of a record are not independent:
-        fragility curves and rates treat a record by the mean of both.
+        Use it for one-sided blocks. The two directions of a record are not independent, so
+        fragility curves and rates take the mean of both.
 
         Returns
         -------

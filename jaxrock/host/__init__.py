@@ -14,8 +14,11 @@ from .printing import format_derivatives as format_derivatives
 from .printing import format_fields as format_fields
 from .printing import format_number as format_number
 from .printing import format_table as format_table
+from .progress import Work as Work
 from .progress import announce as announce
+from .progress import count_work as count_work
 from .progress import hide_progress as hide_progress
+from .progress import name_work as name_work
 from .progress import show_progress as show_progress
 from .status import Status as Status
 from .status import describe_status as describe_status

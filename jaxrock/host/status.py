@@ -9,10 +9,10 @@ from ..validation import is_traced
 
 
 class Status(enum.IntEnum):
-    """The end of a computation, and the reason where there is no result.
+    """The end of a computation, and the reason if there is no result.
 
-    Results are right where the status is COMPLETE, LIST_FULL or BALANCED. `description` says
-    in words what it means.
+    Results are valid where the status is COMPLETE, LIST_FULL or BALANCED. `description`
+    explains the status in words.
 
     Examples
     --------

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..host import count_work
 from ..validation import AnyArray
 from .brackets import Brackets, Evaluate, EvaluatedMargin
 
@@ -52,6 +53,10 @@ class _Iterate(NamedTuple):
     def has_converged(self) -> AnyArray:
         """Check where the bracket is as narrow as the tolerance."""
         return abs(self.x[1] - self.x[0]) <= self.tolerance
+
+    def count_bisections(self) -> float:
+        """Count the bisections to the tolerance, of concrete brackets."""
+        return float(np.log2(abs(self.x[1] - self.x[0]) / self.tolerance).sum())
 
 
 def refine_brackets(
@@ -99,27 +104,31 @@ def refine_brackets(
         )
     else:
         iterate = jax.tree.map(np.array, iterate)  # which is then changed in place
-        for _ in range(_ITERATIONS):
-            wide = np.flatnonzero(~iterate.has_converged())
-            if not wide.size:
-                break
-            # Only those that are still wide: each evaluation is the motion of a block.
-            leaves, structure = jax.tree.flatten(iterate)
-            selected = jax.tree.unflatten(structure, [leaf[wide] for leaf in leaves])
-            # Few values take as long as a batch of them, so that all of it is used.
-            parts = _LANES // wide.size
-            if alone:
-                levels = max((parts + 1).bit_length() - 1, 1)
-                better = _step_ahead(
-                    evaluate, propose, selected, pairs.case[wide], min(levels, _MOST_LEVELS)
-                )
-            elif parts >= 4 and tolerance is None:
-                better = _multisect(evaluate, selected, pairs.case[wide], parts // 4 * 4)
-            else:
-                better = _take_step(evaluate, propose, selected, pairs.case[wide], np)
-            # `leaves` are the arrays of `iterate` itself.
-            for leaf, new in zip(leaves, jax.tree.leaves(better), strict=True):
-                leaf[wide] = new
+        with count_work("boundaries between values", pairs.case.size) as work:
+            for _ in range(_ITERATIONS):
+                wide = np.flatnonzero(~iterate.has_converged())
+                if not wide.size:
+                    break
+                # Only those that are still wide: each evaluation is the motion of a block.
+                leaves, structure = jax.tree.flatten(iterate)
+                selected = jax.tree.unflatten(structure, [leaf[wide] for leaf in leaves])
+                # Few values take as long as a batch of them, so that all of it is used.
+                parts = _LANES // wide.size
+                case = pairs.case[wide]
+                bisections = selected.count_bisections()
+                if alone:
+                    levels = max((parts + 1).bit_length() - 1, 1)
+                    levels = min(levels, _MOST_LEVELS)
+                    work.expect(bisections * (2**levels - 1) / levels)
+                    better = _step_ahead(evaluate, propose, selected, case, levels)
+                elif parts >= 4 and tolerance is None:
+                    better = _multisect(evaluate, selected, case, parts // 4 * 4)
+                else:
+                    work.expect(bisections)
+                    better = _take_step(evaluate, propose, selected, case, np)
+                # `leaves` are the arrays of `iterate` itself.
+                for leaf, new in zip(leaves, jax.tree.leaves(better), strict=True):
+                    leaf[wide] = new
 
     x1, x2, _ = iterate.x
     at1, at2, _ = iterate.at

@@ -10,7 +10,7 @@ import numpy as np
 from ..block import Block
 from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions
 from ..ground_motion import Motion, Suite
-from ..host import Printed, format_fields
+from ..host import Printed, count_work, format_fields
 from ..numerics import EvaluatedMargin, find_brackets, find_brackets_traced, refine_brackets
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
@@ -49,10 +49,11 @@ class Boundaries(Printed, eqx.Module):
     Attributes
     ----------
     value : Array, shape (..., boundaries)
-        Value of the quantity at the boundary, to rounding, of an `OverturningRate` to a
-        relative 1e-9; the block does not overturn there. Has derivatives in both modes.
+        Value of the quantity at the boundary, accurate to rounding (in an `OverturningRate`
+        to a relative 1e-9). At this value the block does not overturn. It has derivatives in
+        both modes.
     overturns_beyond : Array of bool, shape (..., boundaries)
-        Whether the block overturns beyond the boundary; if not, it does before it.
+        Whether the block overturns beyond the boundary; if not, it overturns before it.
     impacts : Array of int, shape (..., boundaries)
         The mode: number of impacts before it overturns. Where a block comes to rest in
         infinitely many impacts and is lifted again later, only the first few are counted.
@@ -109,10 +110,10 @@ def overturning_boundaries(
 ) -> Boundaries:
     """Find every boundary between standing and overturning along one quantity.
 
-    Overturning is not monotone: above the first strength that overturns a block there are
-    windows in which it survives, since the ground can pull it back. The outcome is computed at
-    all values, and each change of it is located on the margin. Two boundaries between
-    neighbouring values are not detected.
+    Overturning is not monotone: above the weakest motion that overturns a block there are
+    windows in which the block survives, since the ground can pull it back. The outcome is
+    computed at all values, and each change of the outcome is located as a zero of the margin.
+    Two boundaries between neighbouring values are not detected.
 
     Parameters
     ----------
@@ -123,18 +124,19 @@ def overturning_boundaries(
         A pulse, a `Harmonic`, a `Record` with one-dimensional samples, or a `Suite`, whose
         records make the leading axis of the result.
     along : str
-        ``"amplitude"`` of a pulse or a `Harmonic`, ``"duration"`` of the one, ``"frequency"``
-        of the other, ``"factor"`` on any motion; ``"width"`` [m] at this height, ``"height"``
-        [m] at this width, ``"half_width"`` [m] at this slenderness, ``"slenderness"`` at this
-        width, ``"inertia_ratio"`` or ``"restitution"``. The values replace what the scene has
-        for it; only a factor multiplies it.
+        ``"amplitude"`` of a pulse or a `Harmonic`, ``"duration"`` of a pulse, ``"frequency"``
+        of a `Harmonic`, ``"factor"`` on any motion; ``"width"`` [m] at this height,
+        ``"height"`` [m] at this width, ``"half_width"`` [m] at this slenderness,
+        ``"slenderness"`` at this width, ``"inertia_ratio"`` or ``"restitution"``. The values
+        replace the value that the scene has; only a factor multiplies the motion.
     values : array_like, shape (..., n)
-        Increasing values [unit of the quantity], at least two. All else broadcasts against
-        their leading axes.
+        Increasing values [unit of the quantity], at least two. All other arguments broadcast
+        against their leading axes.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     max_boundaries : int
-        How many are listed under a transformation, where shapes must be known beforehand.
+        Number of boundaries that are listed under a transformation, where shapes must be
+        known beforehand.
 
     Returns
     -------
@@ -147,10 +149,10 @@ def overturning_boundaries(
 
     Notes
     -----
-    The derivatives are those of the implicit function theorem: at a boundary the margin
-    stays 0 (where the block is `toppled`, its peak stays pi / 2). Under a record or a
-    `Harmonic` they are those of the velocity with which the block topples, right beside the
-    boundary. Where rounding hides this they are NaN.
+    Derivatives follow from the implicit function theorem: at a boundary the margin stays 0
+    (where the block is `toppled`, its peak stays pi / 2). Under a record or a `Harmonic` they
+    follow from the velocity with which the block topples right beside the boundary. Where
+    rounding hides this velocity they are NaN.
 
     Examples
     --------
@@ -222,7 +224,8 @@ def _compute_boundaries(
     if traced:
         pairs = find_brackets_traced(evaluate, table, search.halvings, search.max_boundaries)
     else:
-        pairs = find_brackets(evaluate, table, search.halvings)
+        with count_work("search for boundaries", table.size):
+            pairs = find_brackets(evaluate, table, search.halvings)
     changes = refine_brackets(evaluate, pairs, traced, search.alone, search.tolerance)
     stands = changes.stands
     falls = changes.falls

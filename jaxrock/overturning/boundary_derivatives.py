@@ -30,7 +30,7 @@ import numpy as np
 
 from ..driven import TOPPLED_ROTATION, jit_steps
 from ..ground_motion import Pulse
-from ..host import count_processors, map_in_threads
+from ..host import count_processors, count_work, map_in_threads
 from ..validation import AnyArray, choose_namespace, is_traced
 from .quantities import Search, Subject, respond_at, split_parameters
 
@@ -246,11 +246,14 @@ def _differentiate_in_pieces(
             np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in parts
         ]
         result = derive(samples, count, *room, form=form, search=search)
-        return np.asarray(result)[:, :count]
+        result = np.asarray(result)[:, :count]
+        work.advance(count)
+        return result
 
     whole = np.empty((2, size), columns[0].dtype)
     workers = max(1, min(pieces, count_processors()))
-    separate = map_in_threads(differentiate_piece, range(pieces), workers)
+    with count_work("derivatives of boundaries", size) as work:
+        separate = map_in_threads(differentiate_piece, range(pieces), workers)
     for k, part in enumerate(separate):
         whole[:, k::pieces] = part
     return whole

@@ -31,11 +31,11 @@ _HALVINGS = 0
 
 
 def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear()) -> Reals:
-    """Compute the factor on a motion from which on it lifts the block from rest.
+    """Compute the smallest factor on a motion with which it lifts the block from rest.
 
-    At some time the horizontal acceleration exceeds (g + vertical) tan(alpha_c), linearized
-    (g + vertical) alpha_c, to either side, or away from the wall of a one-sided block. The
-    factor multiplies both components.
+    With a larger factor the horizontal acceleration at some time exceeds (g + vertical)
+    tan(alpha_c), or (g + vertical) alpha_c with `Linearized`: to either side, or away from
+    the wall of a one-sided block. The factor multiplies both components.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def critical_factor(
     model: ModelLike = Nonlinear(),
     max_boundaries: int = 8,
 ) -> Boundaries:
-    """Find every factor on a motion between standing and overturning, from uplift on.
+    """Find every factor on a motion that separates standing from overturning, from uplift on.
 
     Parameters
     ----------
@@ -125,10 +125,9 @@ def critical_factor(
     motion : Motion
         One pulse, `Harmonic` or `Record`.
     ratios : sequence of two floats
-        The range of factors, over the one that just lifts the block; see `uplift_factor`.
+        The range of factors, over the factor that just lifts the block; see `uplift_factor`.
     resolution : float
-        Factors that are examined differ by this fraction of them. A narrower window may not be
-        detected.
+        Relative distance of the examined factors. A narrower window may not be detected.
 
     Returns
     -------

@@ -29,11 +29,11 @@ class SurvivalWindows(Printed):
     Attributes
     ----------
     first_overturning : float
-        Smallest factor that overturns the block, or the first one if that does; inf if none
-        does.
+        Smallest factor that overturns the block; the first of the range if that one does; inf
+        if none does.
     windows : ndarray, shape (windows, 2)
-        Factors between which it stands again, above that; inf where the range ends before
-        the window does.
+        Factors above `first_overturning` between which the block stands; inf where the range
+        ends before the window does.
     """
 
     first_overturning: float
@@ -60,7 +60,7 @@ def critical_amplitude(
     model: ModelLike = Nonlinear(),
     max_boundaries: int = 8,
 ) -> Boundaries:
-    """Find every amplitude of a pulse between standing and overturning.
+    """Find every amplitude of a pulse that separates standing from overturning.
 
     Among them are the first overturning, the ends of windows in which the block survives, and
     the first overturning without an impact.
@@ -74,11 +74,11 @@ def critical_amplitude(
     duration : array_like
         Duration of the pulse [s], greater than 0.
     ratios : sequence of two floats
-        The range of amplitudes, over the one that just lifts the block: that is
-        g tan(alpha_c), linearized g alpha_c.
+        The range of amplitudes, over the amplitude that just lifts the block: g tan(alpha_c),
+        or g alpha_c with `Linearized`.
     resolution : float
-        Windows wider than this share of their amplitude are found; where a block bounces often
-        a few may be missed (1 of 46,163 in trials).
+        Windows wider than this fraction of their amplitude are detected; where a block
+        bounces often, a few may be missed (1 of 46,163 in trials).
 
     Returns
     -------
@@ -158,7 +158,7 @@ def critical_duration(
     model: ModelLike = Nonlinear(),
     max_boundaries: int = 8,
 ) -> Boundaries:
-    """Find every duration of a pulse of given amplitude between standing and overturning.
+    """Find every duration of a given pulse that separates standing from overturning.
 
     Parameters
     ----------
@@ -213,9 +213,9 @@ def survival_windows(
     *,
     model: ModelLike = Nonlinear(),
 ) -> SurvivalWindows:
-    """Find the windows above the first overturning strength in which one block survives.
+    """Find the windows in which one block survives, above the first factor that overturns it.
 
-    They are the boundaries of `overturning_boundaries` along the factor on a motion, in pairs.
+    They are pairs of boundaries of `overturning_boundaries` along the factor on a motion.
 
     Parameters
     ----------

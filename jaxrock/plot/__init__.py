@@ -1,7 +1,8 @@
 """Figures: functions that take ``ax=None`` and return the axes they drew on.
 
-`animate` writes a file. `plot_free_rocking_fit` makes a figure of two panels. `plot_spectrum`
-and `plot_rocking_spectrum` make a figure of many; `plot_curves` draws a panel of the former.
+There are exceptions: `animate` writes a file. `plot_free_rocking_fit` makes a figure of two
+panels, `plot_spectrum` and `plot_rocking_spectrum` make a figure of many panels.
+`plot_curves` draws one panel of `plot_spectrum`.
 """
 
 from .block import animate, plot_block, plot_phase, plot_response
@@ -9,6 +10,7 @@ from .calibration import plot_free_rocking_fit
 from .fragility import plot_fragility
 from .harmonic import plot_harmonic
 from .inventory import plot_inventory
+from .inventory import plot_inventory_parts as plot_inventory_parts
 from .outcome_probabilities import plot_outcome_probabilities, plot_sobol_indices
 from .outcomes import plot_outcomes, plot_reliability
 from .overturning import plot_boundaries, plot_critical_intensity

@@ -37,8 +37,8 @@ _FRAMES = 400  # of a film, at most
 def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = None) -> Axes:
     """Draw a block, to scale, with the symbols of Fig. 1.
 
-    Of a body that is no homogeneous rectangle the outline is not known: a dashed rectangle
-    with the same base and centre of mass stands in for it.
+    The outline of a body that is not a homogeneous rectangle is unknown. It is drawn as a
+    dashed rectangle with the same base and centre of mass.
 
     Parameters
     ----------
@@ -132,9 +132,10 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
 def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     """Draw the acceleration of the ground and, under it, rotation over critical angle.
 
-    From shortly before the block moves until it rests or has fallen. Every impact is a line at
-    the foot, as high as the velocity before it is large. The acceleration, with the level that
-    lifts the block, is on axes of its own, the child of those returned.
+    The picture runs from shortly before the block moves until it rests or has fallen. Every
+    impact is a line at the foot, whose height is in proportion to the velocity before it. The
+    acceleration, with the level that lifts the block, has its own axes, a child of the
+    returned axes.
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
 
 
 def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
-    """Draw the phase portrait, and the separatrix of free motion: beyond it a block overturns.
+    """Draw the phase portrait and the separatrix of free motion; a block overturns beyond it.
 
     Parameters
     ----------
@@ -262,15 +263,15 @@ def animate(
 ) -> None:
     """Write a GIF of the block on the moving ground, with its rotation traced under it.
 
-    Beyond 400 frames it is faster than real time, as the title says. Since records drift, the
-    ground is seen from where it is on the mean of two seconds.
+    The film has at most 400 frames; if it is faster than real time, the title says so. Since
+    records drift, the ground is drawn relative to its mean position over two seconds.
 
     Parameters
     ----------
     response, path : Response, path
         From `jaxrock.respond`; the file to write.
     frames_per_second : int
-        Pictures that are shown in a second.
+        Frames per second.
     span : tuple of float, optional
         First and last time [s]; by default from shortly before the block moves until it rests
         or lies on its side.

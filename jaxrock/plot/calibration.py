@@ -15,11 +15,11 @@ _SIGNIFICANT = 0.05  # p-value below which C is drawn as changing
 def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> Figure:
     """Draw measured and fitted half-cycle durations, and C of each impact over its velocity.
 
-    Durations stand between the two impacts of their half-cycle, and impacts that are missing
-    or were left out at the foot. Of peaks without times only C is drawn. If C is constant, 95 %
-    of the impacts lie in the grey band: the slower, the wider it is. Where a constant C
-    does not explain the data, the line of a C linear in the velocity goes through the points;
-    if p is fitted too, only the legend says so, since with such a C p is another one.
+    Each duration is drawn between the two impacts of its half-cycle. Impacts that are missing
+    or were left out are marked at the foot. For peaks without times only C is drawn. If C is
+    constant, 95 % of the impacts lie in the grey band, which is wider for slower impacts. If
+    a constant C does not explain the data, a line shows C linear in the velocity. If p is
+    fitted too, only the legend says so, since p would change with such a C.
 
     Parameters
     ----------

@@ -29,9 +29,10 @@ _LEVELS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 
 def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw where a block rocks steadily on a harmonic floor, and how high.
 
-    White where it does not, shaded or hatched where it does; curves are of equal peak rotation
-    over critical angle. From the dashed line on the floor lifts a block that is at rest. In Hz
-    and m/s2 if the spectrum has the size of a block; else in ratios.
+    The map is white where the block does not rock steadily, and shaded or hatched where it
+    does. Contours are lines of equal peak rotation over critical angle. Above the dashed line
+    the floor lifts a block at rest. The axes are in Hz and m/s2 if the spectrum has the size
+    of a block, else they are ratios.
 
     Parameters
     ----------

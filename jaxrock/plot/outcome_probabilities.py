@@ -11,7 +11,7 @@ from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, check_result, get_axes, labe
 def plot_outcome_probabilities(
     probabilities: OutcomeProbabilities, ax: Axes | None = None
 ) -> Axes:
-    """Draw the probability of each outcome with its interval, and those under each record.
+    """Draw the probability of each outcome, with its interval and the value under each record.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ def plot_sobol_indices(
 ) -> Axes:
     """Draw which part of the variance of an answer comes from each parameter.
 
-    The first-order index is of a parameter alone, the total one with all that it does together
-    with others.
+    The first-order index is the part of a parameter alone. The total index includes its
+    interactions with other parameters.
 
     Parameters
     ----------

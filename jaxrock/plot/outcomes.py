@@ -22,11 +22,11 @@ _MEASURES = {"pgv": "PGV [m/s]", "pga": "PGA [m/s²]"}
 
 
 def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw how often blocks overturned, over the probability that was predicted.
+    """Draw the observed frequency of overturning over the predicted probability.
 
-    Each mark is a bin of predictions for tests to which nothing was fitted, with the interval
-    of the observed frequency and the number of tests. If the probabilities hold, the intervals
-    reach the diagonal.
+    Each mark is a bin of predictions for tests that were not fitted, with the confidence
+    interval of the observed frequency and the number of tests. If the predicted probabilities
+    are correct, the intervals reach the diagonal.
 
     Parameters
     ----------
@@ -89,8 +89,8 @@ def plot_outcomes(
     """Draw the predicted probability of each test over its intensity, by its outcome.
 
     The probability is the mean over the splits in which the test was not fitted; a test that
-    was fitted in all of them is left out. No curve is fitted to the marks: if the intensity
-    alone decided, they would lie on one.
+    was fitted in all of them is left out. No curve is fitted to the marks. If the intensity
+    alone decided the outcome, they would lie on one curve.
 
     Parameters
     ----------

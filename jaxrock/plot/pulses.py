@@ -36,9 +36,9 @@ def plot_resonance(
 ) -> Axes:
     """Draw the resonance input and, under it, the rotation over time (Fig. 2).
 
-    A pulse comes right after every impact, of a one-sided block always away from its wall. The
-    pulses are on axes of their own, the child of those returned. A block that overturns is
-    drawn until then.
+    A pulse comes right after every impact; for a one-sided block always away from its wall.
+    The pulses have their own axes, a child of the returned axes. The motion of a block that
+    overturns is drawn until it does.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def plot_resonance(
     Raises
     ------
     ValueError
-        If `half_cycles` is less than 1, or the scene rests for lack of pulses.
+        If `half_cycles` is less than 1, or the intensity is 0.
 
     Examples
     --------
@@ -98,8 +98,8 @@ def plot_resonance(
 def plot_overturning_map(boundaries: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw all boundaries of overturning, and what lies between them.
 
-    Shaded where the block overturns, hatched where it survives a stronger pulse than one
-    that overturns it.
+    The map is shaded where the block overturns, and hatched where it survives although a
+    weaker pulse overturns it.
 
     Parameters
     ----------

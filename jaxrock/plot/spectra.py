@@ -62,7 +62,7 @@ def plot_curves(
 ) -> Axes:
     """Draw one panel of a spectrum, and mark where a curve ends: the block overturns.
 
-    A cross marks the end, of a period an arrow, since it grows without bound.
+    The end is marked by a cross, or by an arrow for a period, which grows without bound.
 
     Parameters
     ----------
@@ -70,10 +70,10 @@ def plot_curves(
         With dimensions `along` and `hue` only, for example
         ``spectrum.rotation_ratio.sel(restitution=0.6)``.
     hue, along : str
-        Dimensions that tell the curves apart, and of the horizontal axis.
+        Dimension that distinguishes the curves, and dimension of the horizontal axis.
     thresholds : xarray.DataArray, optional
-        For each `hue` the value from which on the block overturns, which is written at the end
-        of the curve. A rotation ratio is drawn up to there, where it is 1.
+        For each `hue`, the value beyond which the block overturns. It is written at the end
+        of the curve. A rotation ratio is drawn up to this value, where it is 1.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 
@@ -216,10 +216,10 @@ def _find_ends(y: np.ndarray) -> np.ndarray:
 def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") -> Figure:
     """Draw a variable over slenderness: a column for a restitution, a row for an intensity.
 
-    A curve for each width. Of a dimension with more values than can be told apart (4 panels
-    a side, 7 curves, 500 points of a curve) some are drawn, evenly chosen, and a line at the
-    foot says how many of how many. `plot_curves` draws a single panel. Rotation ratios are
-    drawn up to the overturning threshold, which is known in closed form.
+    Each width has a curve. If a dimension has too many values to distinguish (more than 4
+    panels a side, 7 curves, 500 points of a curve), an evenly chosen part of them is drawn,
+    and a line at the foot says how many of how many. `plot_curves` draws a single panel.
+    Rotation ratios are drawn up to the overturning threshold, which is known in closed form.
 
     Parameters
     ----------
@@ -314,9 +314,10 @@ def _draw_rocking_curves(spectrum: xarray.Dataset, ax: Axes) -> None:
 def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     """Draw peak rotation over the period 2 pi / p, a panel for each restitution.
 
-    A curve for each slenderness; where the block overturns there is a bar at the top instead,
-    in the order of the legend. Of more values than can be told apart (4 panels, 5 curves) some
-    are drawn, evenly chosen, and a line at the foot says how many of how many.
+    Each slenderness has a curve. Where the block overturns, a bar at the top replaces it, in
+    the order of the legend. If there are too many values to distinguish (more than 4 panels,
+    5 curves), an evenly chosen part of them is drawn, and a line at the foot says how many of
+    how many.
 
     Parameters
     ----------

@@ -17,9 +17,9 @@ _FAMILIES = {
 def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw a work-precision diagram: error against time, a mark for every setting.
 
-    Colour and mark tell the levels of fidelity apart. Written at a line is the solver, or how
-    many answers are computed at once. On the front of a batch nothing is faster and as
-    accurate.
+    Colour and mark show the level of fidelity. The label of a line is the solver, or the
+    number of answers computed at once. A setting is on the front of its batch if no other
+    setting is faster and as accurate.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One scene assessed by both models, as numbers and as text."""
+"""One block, or one scene, assessed by both models, as numbers and as text."""
 
 import functools
 import math
@@ -10,17 +10,20 @@ import jax.numpy as jnp
 
 from .. import resonance
 from ..accuracy import choose
-from ..block import RECTANGLE_INERTIA_RATIO, SIZES_IN_WORDS, size_of
+from ..block import RECTANGLE_INERTIA_RATIO, SIZES_IN_WORDS, Block, size_of
 from ..host import map_in_threads
 from ..impact import count_half_cycles, housner_restitution, one_sided_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
-from ..validation import check_concrete, check_kind
+from ..validation import Number, check_concrete, check_kind
 
 _HALF_CYCLES = {"1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0, "unlimited": math.inf}
 # Numbers and texts by their names, and more of these.
 Answers = dict[str, Any]
+Program = Callable[..., Answers]
 
 _PARAMETERS = ("restitution", "slenderness", "half_width", "intensity")
+# Heads of the columns.
+_HEADS = f"{'':38}{'linearized':>14}{'nonlinear':>14}{'error':>10}"
 # Labels of the text, and the places of their numbers in the answers; a heading has no place.
 _ROWS = (
     ("half-diagonal R [m]", "scene.half_diagonal"),
@@ -29,21 +32,20 @@ _ROWS = (
     ("Housner's restitution [-]", "scene.housner_restitution"),
     ("restitution by the wall [-]", "scene.one_sided_restitution"),
     ("launch velocity (Eq. 2) [rad/s]", "scene.launch_velocity"),
-    ("", ""),
-    (f"{'':38}{'linearized':>14}{'nonlinear':>14}{'error':>10}", ""),
+    (_HEADS, ""),
     ("critical velocity [rad/s]", "critical_velocity"),
     ("after one pulse", ""),
     ("peak rotation [rad]", "single_pulse.peak_rotation"),
     ("peak / alpha_c [-]", "single_pulse.rotation_ratio"),
     ("half-cycle [s]", "single_pulse.half_cycle_duration"),
-    ("pulses without end", ""),
+    ("unlimited pulses, each right after an impact", ""),
     ("overturning margin [-]", "overturning_margin"),
     ("overturns in half-cycle [-]", "overturning_half_cycle"),
     ("peak rotation [rad]", "stabilized.peak_rotation"),
     ("rotation ratio [-]", "stabilized.rotation_ratio"),
     ("period T* [s]", "stabilized.period"),
     ("amplification zeta [-]", "stabilized.amplification"),
-    ("critical intensity, in half-cycles", ""),
+    ("pulses that just overturn it, in half-cycles", ""),
     *((f"{count} [m/s]", f"critical_intensity.{count}") for count in _HALF_CYCLES),
 )
 # Sizes of a block, by which the answers are differentiated: labels, and units of derivatives.
@@ -55,6 +57,40 @@ _SIDES = {
     "width_at_this_height": (SIZES_IN_WORDS["width"], "1/m"),
     "height_at_this_width": (SIZES_IN_WORDS["height"], "1/m"),
 }
+
+
+def assess_block(block: Block, restitution: Number) -> Answers:
+    """Compute geometry and critical intensities of a block, whatever the pulses are.
+
+    Parameters
+    ----------
+    block : Block
+        A single block.
+    restitution : float
+        Coefficient of restitution [-].
+
+    Returns
+    -------
+    dict
+        As that of `assess`, without what depends on the intensity of the pulses.
+
+    Raises
+    ------
+    ValueError
+        If the block or the restitution are arrays.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> answers = jr.reports.assess_block(jr.Block(half_width=0.4, slenderness=5.0), 0.7)
+    >>> print(f"{answers['models']['nonlinear']['critical_intensity']['1']:.2f} m/s")
+    1.04 m/s
+    """
+    check_kind("block", block, Block)
+    # An intensity that nothing here reads.
+    scene = Scene(block, restitution, 0.0)
+    _require_single("block and restitution", scene)
+    return _run_programs(scene, _describe_block, _compute_limits)
 
 
 def assess(scene: Scene, tolerance: float | None = None) -> Answers:
@@ -79,6 +115,10 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     ValueError
         If `scene` holds arrays.
 
+    See Also
+    --------
+    jaxrock.reports.assess_block : without pulses of a given intensity.
+
     Examples
     --------
     >>> import jaxrock as jr
@@ -88,26 +128,8 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     """
     check_kind("scene", scene, Scene)
     check_concrete(scene, "an assessment is a text of numbers")
-    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
-    if shape:
-        raise ValueError(f"scene must be a single one to be assessed, got an array of {shape}")
-    answers = [
-        program(scene) for program in _compile_programs(jax.tree.map(jax.typeof, scene))
-    ]
-    described, *models = jax.tree.map(float, jax.device_get(answers))
-    # JAX has sorted the labels as text: "10" stood before "2".
-    for model in models:
-        by_label = model["critical_intensity"]
-        model["critical_intensity"] = {label: by_label[label] for label in _HALF_CYCLES}
-    compared = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
-    result: Answers = {
-        "scene": described,
-        "models": dict(zip(("linearized", "nonlinear"), models, strict=True)),
-        "linearization_error": jax.tree.map(
-            lambda simple, full: simple / full - 1 if full else math.nan,
-            *({key: model[key] for key in compared} for model in models),
-        ),
-    }
+    _require_single("scene", scene)
+    result = _run_programs(scene, _describe_scene, _compute_answers)
     if tolerance is not None:
         choice = choose(scene, tolerance)
         result["choice"] = {
@@ -121,17 +143,43 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     return result
 
 
+def _require_single(name: str, scene: Scene) -> None:
+    """Raise `ValueError` for a scene that holds arrays."""
+    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
+    if shape:
+        raise ValueError(
+            f"{name} must be a single one to be assessed, got an array of {shape}"
+        )
+
+
+def _run_programs(scene: Scene, describe: Program, compute: Program) -> Answers:
+    """Describe a scene, compute the answers of both models, and compare these."""
+    programs = _compile_programs(jax.tree.map(jax.typeof, scene), describe, compute)
+    answers = [program(scene) for program in programs]
+    described, *models = jax.tree.map(float, jax.device_get(answers))
+    # JAX has sorted the labels as text: "10" stood before "2".
+    for model in models:
+        by_label = model["critical_intensity"]
+        model["critical_intensity"] = {label: by_label[label] for label in _HALF_CYCLES}
+    compared = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
+    return {
+        "scene": described,
+        "models": dict(zip(("linearized", "nonlinear"), models, strict=True)),
+        "linearization_error": jax.tree.map(
+            lambda simple, full: simple / full - 1 if full else math.nan,
+            *({key: model[key] for key in compared if key in model} for model in models),
+        ),
+    }
+
+
 @functools.cache
-def _compile_programs(scene: Scene) -> list[Callable[[Scene], Answers]]:
+def _compile_programs(scene: Scene, describe: Program, compute: Program) -> list[Program]:
     """Compile side by side the programs for a scene whose leaves are types.
 
     A program is kept: a second scene of the same types is assessed at once.
     """
-    models = (
-        functools.partial(_compute_answers, model=model)
-        for model in (Linearized(), Nonlinear())
-    )
-    lowered = [jax.jit(part).lower(scene) for part in (_describe_scene, *models)]
+    models = (functools.partial(compute, model=model) for model in (Linearized(), Nonlinear()))
+    lowered = [jax.jit(part).lower(scene) for part in (describe, *models)]
     # Each program runs for an instant: the time that it takes to compile counts, and not how
     # fast it is then. Without optimization and fusion XLA is done soonest.
     options: Any = {"xla_backend_optimization_level": 0, "xla_disable_hlo_passes": "fusion"}
@@ -140,8 +188,8 @@ def _compile_programs(scene: Scene) -> list[Callable[[Scene], Answers]]:
     )
 
 
-def _describe_scene(scene: Scene) -> Answers:
-    """Collect what the models have in common: the block, impacts, velocities after pulses."""
+def _describe_block(scene: Scene) -> Answers:
+    """Collect the block and its restitution, which the models have in common."""
     block = scene.block
     names = (
         "slenderness",
@@ -161,9 +209,26 @@ def _describe_scene(scene: Scene) -> Answers:
         **{name: getattr(block, name) for name in names},
         "restitution": scene.restitution,
         **by_size,
+    }
+
+
+def _describe_scene(scene: Scene) -> Answers:
+    """Collect what the models have in common: the block, the pulses, velocities after them."""
+    return {
+        **_describe_block(scene),
         "intensity": scene.intensity,
         "launch_velocity": resonance.launch_velocity(scene),
         "stabilized_velocity": resonance.stabilized_velocity(scene),
+    }
+
+
+def _compute_limits(scene: Scene, model: RockingModel) -> Answers:
+    """Compute what just overturns the block, of one model."""
+    half_cycles = jnp.asarray([*_HALF_CYCLES.values()])
+    critical = resonance.critical_intensity(scene.block, scene.restitution, half_cycles, model)
+    return {
+        "critical_velocity": model.critical_velocity(scene.block),
+        "critical_intensity": dict(zip(_HALF_CYCLES, critical, strict=True)),
     }
 
 
@@ -198,14 +263,12 @@ def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
     )
     elasticities["height_at_this_width"] = elasticities["slenderness"]
     peak = model.peak_rotation(block, resonance.launch_velocity(scene))
-    half_cycles = jnp.asarray([*_HALF_CYCLES.values()])
-    critical = resonance.critical_intensity(block, scene.restitution, half_cycles, model)
     # With a restitution of 0 the block rests after each half-cycle: its period consists of
     # half-cycles as after a single pulse. Both go through one program.
     restitutions = jnp.stack([jnp.zeros_like(scene.restitution), scene.restitution])
     periods = resonance.stabilized_period(Scene(block, restitutions, scene.intensity), model)
     return {
-        "critical_velocity": model.critical_velocity(block),
+        **_compute_limits(scene, model),
         "single_pulse": {
             "peak_rotation": peak,
             "rotation_ratio": peak / block.critical_angle,
@@ -219,22 +282,25 @@ def _compute_answers(scene: Scene, model: RockingModel) -> Answers:
             "period": periods[1],
             "amplification": resonance.amplification(scene, model),
         },
-        "critical_intensity": dict(zip(_HALF_CYCLES, critical, strict=True)),
         "derivatives": derivatives,
         "elasticities": elasticities,
     }
 
 
-def write_text(result: Answers, *, by_sides: bool = False) -> str:
-    """Write the answers of `assess` as a page to read.
+def write_text(result: Answers, *, by_sides: bool = False, restitution: str = "") -> str:
+    """Write the answers of `assess` or `assess_block` as a page to read.
+
+    Rows of which no model has an answer are left out.
 
     Parameters
     ----------
     result : dict
-        From `assess`.
+        From `assess` or `assess_block`.
     by_sides : bool
         Whether sensitivities are with respect to width and height, each while the other
         stays, instead of half-width and slenderness.
+    restitution : str
+        The restitution in words. The number alone if not given.
 
     Returns
     -------
@@ -245,26 +311,21 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
     # What the models have in common stands in the first column only.
     columns = ({"scene": scene} | models["linearized"], models["nonlinear"])
     *columns, errors = map(_flatten, (*columns, result["linearization_error"]))
-    # Only of a rectangle the height is known; of another body, the centre of mass.
-    outline = f"{scene['height']:.6g} m high (slenderness {scene['slenderness']:.6g})"
-    if not math.isclose(scene["inertia_ratio"], RECTANGLE_INERTIA_RATIO, rel_tol=1e-6):
-        outline = (
-            f"centre of mass {scene['height'] / 2:.6g} m high"
-            f" (slenderness {scene['slenderness']:.6g}), inertia ratio {scene['inertia_ratio']:.6g}"
-        )
-    wall = "one_sided_restitution" in scene
-    outline += ", one-sided" if wall else ""
-    lines = [
-        f"Block {scene['width']:.6g} m wide, {outline}, C = {scene['restitution']:.6g},"
-        f" pulses of {scene['intensity']:.6g} m/s",
-        "",
-    ]
-    absent = "scene.housner_restitution" if wall else "scene.one_sided_restitution"
+    lines = [_write_title(scene, restitution or f"C = {scene['restitution']:.6g}"), ""]
+    heading = None
     for label, place in (*_ROWS, *_list_sensitivity_rows(by_sides)):
-        if place == absent:
+        if not place:
+            # It is written with the first row below it, if there is one.
+            heading = label
             continue
-        line = f"  {label:36}" if place else label
-        for number in (column[place] for column in columns if place in column):
+        numbers = [column[place] for column in columns if place in column]
+        if all(map(math.isnan, numbers)):
+            continue
+        if heading is not None:
+            lines += ["", heading] if heading == _HEADS else [heading]
+            heading = None
+        line = f"  {label:36}"
+        for number in numbers:
             never = place == "overturning_half_cycle" and math.isinf(number)
             shown = "never" if never else "none" if math.isnan(number) else f"{number:.6g}"
             line += f"{shown:>14}"
@@ -272,18 +333,42 @@ def write_text(result: Answers, *, by_sides: bool = False) -> str:
         # printed.
         error = errors.get(place, math.nan)
         lines.append(line + (f"{f'{100 * error:+.2f} %':>10}" if math.isfinite(error) else ""))
-    half_cycle = models["nonlinear"]["overturning_half_cycle"]
-    verdict = f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
-    if math.isinf(half_cycle):
-        percentage = 100 * models["nonlinear"]["stabilized"]["rotation_ratio"]
-        verdict = (
-            f"Stands (nonlinear): the rocking settles at {percentage:.3g} % of the critical"
-            " angle."
-        )
-    lines += ["", verdict]
+    lines += ["", _write_verdict(models["nonlinear"])]
     if "choice" in result:
         lines += ["", f"To {result['choice']['tolerance']:g}: {result['choice']['reason']}"]
     return "\n".join(lines)
+
+
+def _write_title(scene: Answers, restitution: str) -> str:
+    """Write which block this is, its restitution, and the pulses if there are any."""
+    # Only of a rectangle the height is known; of another body, the centre of mass.
+    outline = f"{scene['height']:.6g} m high (slenderness {scene['slenderness']:.6g})"
+    if not math.isclose(scene["inertia_ratio"], RECTANGLE_INERTIA_RATIO, rel_tol=1e-6):
+        outline = (
+            f"centre of mass {scene['height'] / 2:.6g} m high"
+            f" (slenderness {scene['slenderness']:.6g}), inertia ratio {scene['inertia_ratio']:.6g}"
+        )
+    wall = ", one-sided" if "one_sided_restitution" in scene else ""
+    pulses = f", pulses of {scene['intensity']:.6g} m/s" if "intensity" in scene else ""
+    return f"Block {scene['width']:.6g} m wide, {outline}{wall}, {restitution}{pulses}"
+
+
+def _write_verdict(answers: Answers) -> str:
+    """Write the outcome under the pulses; without any, which pulses overturn the block."""
+    if "overturning_half_cycle" not in answers:
+        critical = answers["critical_intensity"]
+        return (
+            f"A single pulse overturns it above {critical['1']:.3g} m/s (nonlinear). Unlimited"
+            f" pulses do above {critical['unlimited']:.3g} m/s, each right after an impact."
+        )
+    half_cycle = answers["overturning_half_cycle"]
+    if math.isinf(half_cycle):
+        percentage = 100 * answers["stabilized"]["rotation_ratio"]
+        return (
+            f"Stands (nonlinear): the rocking settles at {percentage:.3g} % of the critical"
+            " angle."
+        )
+    return f"Overturns in half-cycle {half_cycle:.0f} (nonlinear): no stabilized phase."
 
 
 def _list_sensitivity_rows(by_sides: bool) -> list[tuple[str, str]]:

@@ -32,7 +32,7 @@ class Oscillator(Printed, Checked):
     angular_frequency : array_like
         omega, undamped [rad/s], finite and greater than 0.
     damping_ratio : array_like
-        xi, share of critical damping [-], at least 0 and less than 1.
+        xi, fraction of critical damping [-], at least 0 and less than 1.
 
     Examples
     --------

@@ -33,8 +33,8 @@ from .rocking_model import RockingModel
 class Linearized(RockingModel):
     """Free rocking of slender blocks, the equation of motion linearized (Eq. 4).
 
-    At slenderness 3 its critical velocity is 0.43 % too large, its peak and duration 1.5
-    to 1.9 % too small up to 0.9 of that velocity; the error falls as 1 / lambda^2.
+    At slenderness 3 its critical velocity is 0.43 % too large. Its peaks and durations are
+    1.5 to 1.9 % too small up to 0.9 of that velocity. Errors decrease as 1 / lambda^2.
 
     Examples
     --------

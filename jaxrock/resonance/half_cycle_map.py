@@ -54,8 +54,8 @@ def launch_velocity(scene: Scene) -> Reals:
 def next_velocity(scene: Scene, velocity: Number) -> Reals:
     """Apply the half-cycle map, from one launch velocity to the next (Eq. 8).
 
-    The block lands as fast as it was launched, the impact leaves ``C velocity``, the next
-    pulse adds `launch_velocity`: exact in both models.
+    The block lands with its launch velocity, the impact reduces it to ``C velocity``, and the
+    next pulse adds `launch_velocity`. This is exact in both models.
 
     Parameters
     ----------
@@ -142,8 +142,8 @@ def stabilized_velocity(scene: Scene) -> Reals:
 def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the full period of the stabilized phase (Eq. 11).
 
-    Linearized, T* is 0.65 % too short at slenderness 5, after weak pulses. A one-sided block
-    is back where it was after each half-cycle: its period is half of Eq. 11.
+    With `Linearized`, T* is 0.65 % too short at slenderness 5, for weak pulses. The motion of
+    a one-sided block repeats after each half-cycle, so its period is half of Eq. 11.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the peak rotation in the stabilized phase (Eq. 12).
 
-    Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
+    With `Linearized`, it is 0.65 % too small at slenderness 5, for weak pulses.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the stabilized peak rotation over the critical angle (Figs. 6 to 8).
 
-    Linearized, it is 0.65 % too small at slenderness 5, after weak pulses.
+    With `Linearized`, it is 0.65 % too small at slenderness 5, for weak pulses.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the stabilized peak rotation over the peak after the first pulse (Fig. 4).
 
-    Linearized, it is right for weak pulses.
+    With `Linearized`, it is correct for weak pulses.
 
     Parameters
     ----------
@@ -256,11 +256,11 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 
 @elementwise(model=as_model)
 def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
-    """Compute the energy missing to overturn in the stabilized phase, over the energy barrier.
+    """Compute the fraction of the energy barrier that is left in the stabilized phase.
 
-    It is smooth through the overturning threshold, where the peak rotation has an infinite
-    slope: the quantity to search and to optimise on. Linearized, v_c is 0.16 % too large at
-    slenderness 5: the unsafe side.
+    It is smooth through the overturning threshold, where the derivative of the peak rotation
+    is infinite. Use it for searches and optimization. With `Linearized`, v_c is 0.16 % too
+    large at slenderness 5, which is unsafe.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Find the first half-cycle in which the block overturns.
 
-    Linearized, it may be too late: v_c is too large.
+    With `Linearized`, it may be too late, since v_c is too large.
 
     Parameters
     ----------

@@ -40,8 +40,8 @@ def critical_intensity(
 ) -> Reals:
     """Compute the intensity of pulses that just overturn the block within n half-cycles.
 
-    With it, `half_cycle_velocity` is the critical velocity (Eqs. 2 and 8). Linearized, it is
-    0.16 % too large at slenderness 5: the unsafe side.
+    At this intensity `half_cycle_velocity` is the critical velocity (Eqs. 2 and 8). With
+    `Linearized`, it is 0.16 % too large at slenderness 5, which is unsafe.
 
     Parameters
     ----------
@@ -84,10 +84,10 @@ def critical_width(
     """Compute the width that pulses just overturn, at this slenderness or at this height.
 
     The half-width of `block` does not matter. At this slenderness the height changes in
-    proportion: the answer is a size, and critical intensities grow with its square root. At
-    this height they grow faster, nearly in proportion to the width of a slender block.
-    Linearized, the width is too small, the unsafe side: at slenderness 5 by 0.32 %, at this
-    height by about half of that.
+    proportion to the width, and critical intensities grow with the square root of the size.
+    At this height they grow faster: for a slender block nearly in proportion to the width.
+    With `Linearized`, the width is too small, which is unsafe: at slenderness 5 by 0.32 %, at
+    this height by about half of that.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def critical_width(
         n, a whole number from 1 on, or inf.
     model : ModelLike
     fixed : str
-        What stays as it is: ``"slenderness"`` or ``"height"``.
+        Quantity that stays constant: ``"slenderness"`` or ``"height"``.
 
     Returns
     -------
@@ -215,8 +215,8 @@ def critical_slenderness(
 ) -> Reals:
     """Compute the slenderness of the block of this width that pulses just overturn.
 
-    The slenderness of `block` does not matter. The answer times the width is the height at
-    this width. Linearized, lambda is too large: the unsafe side.
+    The slenderness of `block` does not matter. The answer times the width is the critical
+    height at this width. With `Linearized`, lambda is too large, which is unsafe.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ def critical_restitution(
 ) -> Reals:
     """Compute the restitution with which pulses just overturn the block within n half-cycles.
 
-    Linearized, C is too large: the unsafe side.
+    With `Linearized`, C is too large, which is unsafe.
 
     Parameters
     ----------
@@ -309,8 +309,8 @@ def critical_restitution(
     Returns
     -------
     Array, shape (...)
-        C [-], of a one-sided block its magnitude: the block stands with less. 0 where the
-        first pulse just overturns it; NaN where the first pulse is more than that, or the
+        C [-], for a one-sided block its magnitude; with less, the block stands. 0 where the
+        first pulse just overturns it. NaN where the first pulse is stronger than that, or the
         block stands even with C = 1.
 
     Raises

@@ -77,21 +77,21 @@ class TrainResponse(Printed, eqx.Module):
     Attributes
     ----------
     velocity_ratio : Array, shape (pulses,)
-        Velocity with which the block, as it moves after each pulse, would have left the ground
-        and will land, over the critical one [-].
+        Launch velocity of the motion after each pulse, over the critical velocity [-]: the
+        velocity with which the block would have left the ground, and with which it lands.
     side : Array, shape (pulses,)
         Side to which the block is rotated before each pulse, 1 or -1, 0 at rest.
     peak_rotation : Array
         Largest rotation, also after the last pulse [rad]; pi / 2 if the block overturns.
     overturned : Array of bool
         Whether the block has ever moved outward with more energy than the barrier, even if a
-        later pulse would have caught it.
+        later pulse would have brought it back.
     status : Array of int
         A `jaxrock.Status`: COMPLETE, or STOPPED after too many impacts, where the numbers are
         NaN.
     times, after_pulses, rocker
-        Times of the pulses [s], the motion after each, and the block: the data from which
-        `history` follows it.
+        Times of the pulses [s], the motion after each, and the block, from which `history`
+        computes the motion.
     """
 
     velocity_ratio: Reals
@@ -109,15 +109,15 @@ class TrainResponse(Printed, eqx.Module):
         Parameters
         ----------
         time : array_like
-            Times at which the motion is asked for [s].
+            Times [s].
 
         Returns
         -------
         rotation, velocity : Array, shape (...)
-            alpha [rad] and its rate [rad/s], at the time of a pulse right after it. A block
-            that overturns is followed, without any later pulse, up to twice the critical
-            angle, or to pi / 2 if that is less; after that, and after too many impacts, both
-            are NaN.
+            alpha [rad] and its rate [rad/s]; at the time of a pulse, their values right after
+            it. The motion of a block that overturns continues, without any later pulse, up to
+            twice the critical angle, or to pi / 2 if that is less. Beyond, and after too many
+            impacts, both are NaN.
 
         Examples
         --------
@@ -169,11 +169,11 @@ def respond_to_train(
         Times of the instantaneous pulses [s], finite, at least 0 and not decreasing.
     intensities : array_like, shape (pulses,)
         I of each pulse [m/s], finite. A positive one pushes the block to positive rotations.
-        A negative one pushes a one-sided block towards its wall: at rest it stays there, in
-        motion it is slowed or reversed, and the wall throws it back when it lands.
+        A negative one pushes a one-sided block towards its wall. A block at rest stays there;
+        a moving block is slowed or reversed, and the wall throws it back when it lands.
     model : Linearized or Nonlinear
-        In the nonlinear equation a pulse acts ``cos(alpha_c - alpha) / cos(alpha_c)`` times
-        stronger on a rotated block than Eq. 2 says.
+        With `Nonlinear`, a pulse changes the velocity of a rotated block by ``cos(alpha_c -
+        alpha) / cos(alpha_c)`` times the value of Eq. 2.
 
     Returns
     -------

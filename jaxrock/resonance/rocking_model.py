@@ -15,13 +15,13 @@ from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwis
 class RockingModel(eqx.Module):
     """A model of free rocking: `Linearized`, `Nonlinear`, or a third one of the same kind.
 
-    The public methods check their arguments. Peaks and durations are NaN where a launch
-    overturns the block; `motion` follows it. The methods are the same for all models. A model
-    provides a `name` and seven functions, which broadcast, check nothing, and are called by
-    the other closed forms and by `accuracy`. They take ``x``, the launch velocity over the
-    critical one [-]; ``intensity``, I of the pulse that gives this velocity to the block at
-    rest [m/s]; ``time`` since the launch [s]. Their derivatives, as JAX takes them, have to be
-    finite in the whole domain.
+    The public methods check their arguments. Where a launch overturns the block, peaks and
+    durations are NaN, and `motion` is still defined. The methods are the same for all models.
+    A model provides a `name` and seven functions, which broadcast, check nothing, and are
+    called by the other closed forms and by `accuracy`. They take ``x``, the launch velocity
+    over the critical one [-]; ``intensity``, I of the pulse that gives this velocity to the
+    block at rest [m/s]; ``time`` since the launch [s]. Their derivatives, as JAX takes them,
+    have to be finite in the whole domain.
 
     ==================================================  ====================  ================
     function                                            value                 domain
@@ -45,9 +45,9 @@ class RockingModel(eqx.Module):
 
     Notes
     -----
-    The functions take x and the pulse instead of the velocity because derivatives would cancel
-    in terms of the velocity: slenderness and width act on it in the opposite way as on peak
-    and duration.
+    The functions take x and the pulse instead of the velocity. In terms of the velocity,
+    derivatives would cancel: slenderness and width act on the velocity and on peak and
+    duration in opposite ways.
     """
 
     name: ClassVar[str]  # in datasets and options
@@ -158,8 +158,8 @@ class RockingModel(eqx.Module):
     def peak_amplification(self, block: Block, velocity: Number, growth: Number) -> Reals:
         """Compute how much higher a block rocks if launched ``1 + growth`` times as fast.
 
-        The quotient of two peaks would lose its derivatives where they are small, and its
-        digits where they are almost equal.
+        The quotient of two computed peaks would lose its derivatives where the peaks are
+        small, and its digits where they are almost equal.
 
         Parameters
         ----------

@@ -32,8 +32,8 @@ class Scene(Printed, Checked):
 
     Notes
     -----
-    To `jax.vmap` over some of its numbers, say which: ``in_axes=jax.tree.map(lambda leaf: 0
-    if leaf.ndim else None, scene)``.
+    To `jax.vmap` over only those parameters that are arrays, pass
+    ``in_axes=jax.tree.map(lambda leaf: 0 if leaf.ndim else None, scene)``.
 
     Examples
     --------

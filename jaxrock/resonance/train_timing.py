@@ -33,7 +33,7 @@ _TRAINS_AT_ONCE = 1024
 def timing_costs(
     block: Block, restitution: Number, count: int, model: ModelLike = Linearized()
 ) -> dict[str, float]:
-    """Compute the pulses with which differently timed trains of equal pulses overturn a block.
+    """Compute the intensities at which equal pulses overturn a block, for several timings.
 
     Parameters
     ----------
@@ -49,15 +49,17 @@ def timing_costs(
     Returns
     -------
     dict
-        Intensities [m/s] of pulses at the impacts, parts of a half-cycle after them, and
-        alternating at the best of equal spacings (to 0.5 %, and as if the spacing were off by
-        as much); at most the single pulse that overturns. NaN where that did not converge.
+        Intensity [m/s] by timing: pulses at the impacts, pulses a fraction of a half-cycle
+        after them, and alternating pulses at the best of equal spacings. That spacing is
+        found to 0.5 %, and the intensity allows for an error of the spacing of this size. No
+        intensity exceeds that of a single pulse that overturns. NaN where the search did not
+        converge.
 
     Raises
     ------
     ValueError
-        If `restitution` is not between 0 and 1, `count` less than 2, or the block one-sided:
-        pulses all one way overturn it the sooner the closer they are.
+        If `restitution` is not between 0 and 1, if `count` is less than 2, or if the block is
+        one-sided: pulses in one direction overturn it sooner the closer they are.
 
     Examples
     --------

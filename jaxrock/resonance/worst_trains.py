@@ -33,36 +33,36 @@ from .train_through_impacts import MAX_IMPACTS
 class WorstTrain(Printed):
     """The worst train of pulses that was found; see `worst_train`.
 
-    Where the status is COMPLETE, `times` and `intensities` put into `respond_to_train` with the
-    same model overturn the block, or reach `peak_rotation`. The intensities are 1e-6 (in
-    float32 3.5e-4) above the intensities of the worst train, for "most rotation" beyond
-    `largest`, and the times are the times of this stronger train. All other attributes describe
-    the train before it is raised. Other intensities need other times, since the impacts of a
-    stronger train come later: a pulse that was to come right after an impact comes before it,
-    and brakes the block.
+    If the status is COMPLETE, `respond_to_train` with `times`, `intensities` and the same
+    model overturns the block, or reaches `peak_rotation`. For this the intensities are raised
+    by a relative 1e-6 (3.5e-4 in float32) above those of the worst train, for "most rotation"
+    beyond `largest`, and the times are those of the raised train. All other attributes
+    describe the train before it is raised. Do not change the intensities alone: the impacts
+    of a stronger train come later, so that a pulse meant to come right after an impact would
+    come before it, and slow the block.
 
     Attributes
     ----------
     times : ndarray, shape (pulses,)
         Times of the pulses, the first at 0 [s].
     intensities : ndarray, shape (pulses,)
-        I of each pulse [m/s], signed as the ground moves; raised, see above.
+        I of each pulse [m/s], with the sign of the ground motion; raised, see above.
     impacts_between : ndarray, shape (pulses,)
         Impacts between a pulse and the one before it.
     delays : ndarray, shape (pulses,)
-        Time from the last impact to the pulse over the half-cycle that it falls into [-].
+        Time from the last impact to the pulse, over the duration of that half-cycle [-].
     largest, total : float
-        Largest and total magnitude of the pulses that are just enough [m/s].
+        Largest magnitude, and sum of magnitudes, of the pulses that just suffice [m/s].
     peak_rotation : float
         Peak after the last pulse [rad]; NaN if the block overturns.
     overturns : bool
-        Whether the train just overturns the block, or more.
+        Whether the train overturns the block, just or by more.
     status : Status
-        NOT_CONVERGED if the search has not ended, or at a train that does not keep the
-        constraints; NOT_VALIDATED if `respond_to_train` shows that the train does not what it
-        should, or its times break a constraint.
+        NOT_CONVERGED if the search has not converged, or if its train violates a constraint.
+        NOT_VALIDATED if `respond_to_train` contradicts the result, or if the times violate a
+        constraint.
     objectives : ndarray, shape (starts,)
-        Best value that each start arrived at: the largest or total intensity [m/s], or the
+        Best objective reached from each start: the largest or total intensity [m/s], or the
         velocity after the last pulse over the critical one [-].
     history : ndarray, shape (starts, steps)
         The same in each step of the descent.
@@ -119,10 +119,11 @@ def worst_train(
 ) -> WorstTrain:
     """Find the worst train of instantaneous pulses, over their times, signs and intensities.
 
-    Between the pulses the block moves freely, and through impacts. Random trains descend, by
-    gradient steps or, with limits on the times, by sequential quadratic programming. Then they
-    try what descent cannot do: to strike a pulse the other way, before or after the peak, or a
-    half-cycle earlier or later. The best is verified over time, raised and lowered a little.
+    Between the pulses the block moves freely, through its impacts. The search starts from
+    random trains and descends by gradient steps or, with limits on the times, by sequential
+    quadratic programming. Then it tries discrete changes that descent cannot make: it
+    reverses a pulse, moves it to the other side of the peak, or moves it to the previous or
+    next half-cycle. The best train is verified by simulation, raised and lowered a little.
 
     Parameters
     ----------
@@ -133,14 +134,14 @@ def worst_train(
     count : int
         Number of pulses, at least 1.
     goal : str
-        ``"smallest largest"``: overturn the block with the smallest largest pulse;
-        ``"smallest total"``: with the smallest sum of magnitudes; ``"most rotation"``: the
-        highest peak with pulses of at most `largest`.
+        ``"smallest largest"``: overturn the block with the largest pulse as small as
+        possible; ``"smallest total"``: with the sum of magnitudes as small as possible;
+        ``"most rotation"``: reach the highest peak with pulses of at most `largest`.
     largest : float
         Bound on the pulses [m/s], finite and greater than 0; for ``"most rotation"`` only.
     impacts_between : int
-        Fewest impacts between a pulse and the next, 0 to 3. With 0 and no spacing the worst
-        train is all pulses at once.
+        Least number of impacts between a pulse and the next, 0 to 3. With 0 and no spacing,
+        all pulses of the worst train come at once.
     spacing : float
         Shortest time between two pulses [s], finite and at least 0.
     latest : float
@@ -161,10 +162,11 @@ def worst_train(
 
     Notes
     -----
-    With one impact between pulses the paper's input comes out: equal pulses right after the
-    impacts, each ``critical_intensity(block, restitution, count)``. They alternate; on a
-    one-sided block all push away from its wall. The smallest total is a single pulse: every
-    impact wastes a part of the energy that came before.
+    With one impact between pulses, the worst train is the paper's input: equal pulses right
+    after the impacts, each of ``critical_intensity(block, restitution, count)``. They
+    alternate in direction; on a one-sided block all push away from its wall. The smallest
+    total is a single pulse, since every impact dissipates part of the energy of earlier
+    pulses.
 
     Examples
     --------

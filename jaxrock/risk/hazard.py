@@ -44,19 +44,21 @@ def as_hazard_measure(measure: object) -> str | None:
 class Hazard(Printed, Checked):
     """A hazard curve: the rate per year at which levels of an intensity measure are exceeded.
 
-    Log-log linear between its points, NaN outside. Plateaus and trailing rates of 0 are allowed.
-    From the last positive rate to the first 0 the rate falls linearly with the logarithm of the
-    level; above, it is 0. Rates too small for a normal number of their precision count as 0.
+    Log-log linear between its points, NaN outside. Plateaus and trailing rates of 0 are
+    allowed. From the last positive rate to the first 0 the rate falls linearly with the
+    logarithm of the level; above, it is 0. Rates below the smallest normal floating-point
+    number count as 0.
 
     Parameters
     ----------
     levels : array_like, shape (n,)
         Increasing levels of the measure, greater than 0 [m/s2 or m/s].
     rates : array_like, shape (n,)
-        Rates of exceedance [1/yr], none greater than the one before; at least the first two
-        greater than 0, the last one less than the first.
+        Rates of exceedance [1/yr], not increasing; at least the first two are greater than 0,
+        and the last one is less than the first.
     measure : {"pgv", "pga"}, optional
-        The intensity measure of the curve; functions that take the curve refuse another one.
+        The intensity measure of the curve; functions that take the curve refuse any other
+        measure.
     statistic : str, optional
         Statistic over the logic tree, or part of the hazard, where it is known: "mean",
         "max", "quantile-0.85", "rlz-000", "source FAULT" and so on. It is printed.
@@ -64,8 +66,8 @@ class Hazard(Printed, Checked):
     Raises
     ------
     ValueError
-        If the measure is another one, if there are less than two points or not as many rates
-        as levels, if a value is out of range, if the levels do not increase, or if the rates
+        If the measure is unknown, if there are less than two points or not as many rates as
+        levels, if a value is out of range, if the levels do not increase, or if the rates
         rise or never fall.
 
     Examples

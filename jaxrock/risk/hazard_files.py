@@ -56,11 +56,11 @@ def read_hazard(
           exceedance in a number of years (``probability of exceedance in 50 years [%]``) or a
           ``return period [yr]``. Other columns are ignored.
         - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like.
-        - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``. The values are taken for annual
-          rates, which nshmp-haz writes unless told otherwise.
+        - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``. The values are assumed to be
+          annual rates, the default of nshmp-haz.
     unit : str, optional
-        Of the levels, where the file does not state it: ``"cm/s"``, ``"g"`` and so on, as in
-        `read_record`. OpenQuake and nshmp-haz have PGA in g and PGV in cm/s.
+        Unit of the levels, where the file does not state it: ``"cm/s"``, ``"g"`` and so on,
+        as in `read_record`. OpenQuake and nshmp-haz have PGA in g and PGV in cm/s.
     measure : {"pgv", "pga"}, optional
         The measure that the curve must have. It chooses a column if there are several, and is
         needed where the file states none: ``level [g]`` may be spectral acceleration.
@@ -70,9 +70,9 @@ def read_hazard(
     Returns
     -------
     Hazard
-        Levels in m/s or m/s2; its `statistic` says whether they are of a mean, a maximum, a
-        quantile, one branch of a logic tree, or a part of the hazard. Of a
-        probability P in T years the rate is -ln(1 - P) / T; the lowest levels, where P is printed
+        Levels in m/s or m/s2; its `statistic` says whether the curve is a mean, a maximum, a
+        quantile, one branch of a logic tree, or a part of the hazard. A probability P in T
+        years is converted to the rate -ln(1 - P) / T. The lowest levels, where P is printed
         as 1, are left out.
 
     Raises

@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +30,8 @@ _DOMAINS = {
     # Above critical damping the number is one of per cent.
     "floor damping": UNIT_INTERVAL,
 }
+# Below these sizes [m] the unit of a column is perhaps another one.
+_SMALLEST_SIZES = {"width": 1e-3, "height": 1e-2, "depth": 1e-3}
 _PERCENTAGES = (_COEFFICIENT, "floor damping")
 # What stands in the column of one-sided objects, besides an empty cell.
 _FLAGS = {
@@ -58,12 +61,14 @@ class _Object(NamedTuple):
         Width, height, inertia ratio, restitution, its coefficient of variation, period and
         damping of the floor.
     one_sided : bool
+    restitution_assumed : bool
     remark : str
     """
 
     name: str
     numbers: tuple[float, ...]
     one_sided: bool
+    restitution_assumed: bool
     remark: str
 
 
@@ -81,10 +86,10 @@ def read_inventory(
         empty cells are left out. Decimals stand behind points, or all of them behind commas.
 
         Each object has a ``name`` of its own, a ``width`` and a ``height``, which is twice
-        that of the centre of mass. It may have a ``depth``: then the
-        shorter of the two sides of its base is the width over which it rocks. An ``inertia
-        ratio`` that is missing is 4/3, a ``restitution`` that is missing Housner's. The
-        ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is
+        that of the centre of mass. It may have a ``depth``: then the shorter of the two sides
+        of its base is the width over which it rocks. An ``inertia ratio`` that is missing is
+        4/3, a ``restitution`` that is missing Housner's, which the inventory marks as assumed.
+        The ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is
         missing. A column or a cell may be missing, but for the first three columns.
 
         An object that stands against a wall, as a facade, has yes, true, 1 or x in the column
@@ -161,6 +166,7 @@ def read_inventory(
         one_sided=[described.one_sided for described in objects.values()],
         floor_period=period,
         floor_damping=damping if period.any() else None,
+        restitution_assumed=[described.restitution_assumed for described in objects.values()],
     )
 
 
@@ -227,16 +233,16 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
                 f" to the wall, got a depth of {values['depth']:.4g} m",
                 row.line,
             )
-        side = "depth" if values["depth"] < width else "width"
-        width = min(width, values["depth"])
-        remarks.append(f"rocks over its {side}, {width:.4g} m")
+        if values["depth"] < width:
+            width = values["depth"]
+            remarks.append("rocks over its depth, the shorter side of its base")
     ratio = values.get("inertia ratio", RECTANGLE_INERTIA_RATIO)
     block = Block.from_size(
         width=width, height=values["height"], inertia_ratio=ratio, one_sided=one_sided
     )
-    if "restitution" not in values:
-        values["restitution"], remark = _compute_restitution(table, row, block)
-        remarks.append(remark)
+    is_assumed = "restitution" not in values
+    if is_assumed:
+        values["restitution"] = _compute_restitution(table, row, block)
     coefficient = values.get(_COEFFICIENT, 0.0)
     try:
         # What cannot be drawn is refused with its line.
@@ -259,11 +265,11 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
         period,
         values.get("floor damping", FLOOR_DAMPING),
     )
-    return _Object(name, numbers, one_sided, "; ".join(remarks))
+    return _Object(name, numbers, one_sided, is_assumed, "; ".join(remarks))
 
 
-def _compute_restitution(table: Table, row: Row, block: Block) -> tuple[float, str]:
-    """Compute a restitution that is not given, with its remark; a `ValueError` if none is."""
+def _compute_restitution(table: Table, row: Row, block: Block) -> float:
+    """Compute a restitution that is not given; a `ValueError` if size does not give one."""
     restitution = float(compute_restitution_by_size(block))
     if restitution < 0:
         reason = f"since Housner's is {restitution:.3g}"
@@ -273,10 +279,7 @@ def _compute_restitution(table: Table, row: Row, block: Block) -> tuple[float, s
         raise table.text.error(
             f"a restitution must be given for an object this stocky, {reason}", row.line
         )
-    remark = (
-        "restitution at a wall by its size" if block.one_sided else "Housner's restitution"
-    )
-    return restitution, remark
+    return restitution
 
 
 def _read_flag(table: Table, row: Row, columns: dict[str, int]) -> bool:
@@ -309,4 +312,10 @@ def _read_number(table: Table, row: Row, column: int, quantity: str, one_sided: 
     if not domain.contains(np.asarray(value)):
         reason = f"{name} must be {domain.allowed}, got {quote_word(cell)}"
         raise table.text.error(reason, row.line)
+    if value < _SMALLEST_SIZES.get(quantity, 0.0):
+        reason = (
+            f"{name} has {quote_word(cell)}, a {quantity} of {1000 * value:.3g} mm; if another"
+            " unit was meant, it must stand in the head of the column"
+        )
+        warnings.warn(str(table.text.error(reason, row.line)), stacklevel=4)
     return value

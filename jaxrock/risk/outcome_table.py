@@ -11,7 +11,7 @@ import numpy as np
 
 from ..block import Block
 from ..driven import Batch, follow_batch, require_complete
-from ..host import show_progress
+from ..host import count_work
 from ..numerics import compute_middle
 from ..resonance import RockingModel
 from ..sensitivity import FloorFactors
@@ -26,6 +26,8 @@ AT_ONCE = 2**18
 # The end of the refinement of a crossing, relative: it is as good as exact in double
 # precision.
 _EXACT = 1e-13
+# Halvings of an interval between two levels, at most.
+_HALVINGS = 45
 # So many standard errors away from a target a rate is on one side of it.
 _DECIDED = 5.0
 
@@ -160,10 +162,11 @@ def tabulate_outcomes(cases: Cases, levels: np.ndarray) -> np.ndarray:
     size = math.prod(shape)
     overturned = np.empty(size, bool)
     # In parts, since indices of all would take more memory than outcomes.
-    for k in show_progress(range(0, size, AT_ONCE), "responses"):
-        part = np.arange(k, min(k + AT_ONCE, size))
-        records, objects, places = np.unravel_index(part, shape)
-        overturned[part] = cases.simulate(records, objects, levels[places])
+    with count_work("outcomes at levels", size):
+        for k in range(0, size, AT_ONCE):
+            part = np.arange(k, min(k + AT_ONCE, size))
+            records, objects, places = np.unravel_index(part, shape)
+            overturned[part] = cases.simulate(records, objects, levels[places])
     return overturned.reshape(shape)
 
 
@@ -199,25 +202,31 @@ def locate_crossings(
     low = crossings.low.copy()
     high = crossings.high.copy()
     number = np.bincount(crossings.objects, minlength=overturned.shape[1])
-    while True:
-        located = crossings._replace(low=low, high=high)
-        rates = sum_rates(cases, overturned, located)
-        # Each interval of an object may be so wide, measured in the rate of the hazard.
-        allowed = accuracy * cases.records * rates.rate * np.sqrt(12 / np.maximum(number, 1))
-        if targets is not None:
-            allowed[abs(rates.rate - targets) > _DECIDED * rates.error] = math.inf
-        fall = cases.site.exceed(low) - cases.site.exceed(high)
-        is_wide = (fall > allowed[crossings.objects]) & (high > low * (1 + _EXACT))
-        (wide,) = np.nonzero(is_wide)
-        if not wide.size:
-            return located
-        # As `refine_brackets` does with a tolerance, to the same bits: of several boundaries
-        # between two levels both find the same.
-        middle = np.asarray(compute_middle(low[wide], high[wide]), cases.batch.dtype)
-        outcome = cases.simulate(crossings.records[wide], crossings.objects[wide], middle)
-        is_beyond = outcome == crossings.begins[wide]
-        high[wide[is_beyond]] = middle[is_beyond]
-        low[wide[~is_beyond]] = middle[~is_beyond]
+    with count_work("boundaries between levels", low.size) as work:
+        while True:
+            located = crossings._replace(low=low, high=high)
+            rates = sum_rates(cases, overturned, located)
+            # Each interval of an object may be so wide, measured in the rate of the hazard.
+            allowed = (
+                accuracy * cases.records * rates.rate * np.sqrt(12 / np.maximum(number, 1))
+            )
+            if targets is not None:
+                allowed[abs(rates.rate - targets) > _DECIDED * rates.error] = math.inf
+            fall = cases.site.exceed(low) - cases.site.exceed(high)
+            is_wide = (fall > allowed[crossings.objects]) & (high > low * (1 + _EXACT))
+            (wide,) = np.nonzero(is_wide)
+            if not wide.size:
+                return located
+            # Each halving halves the fall of the hazard too, nearly.
+            too_wide = fall[wide] / np.maximum(allowed[crossings.objects[wide]], 1e-300)
+            work.expect(float(np.ceil(np.log2(too_wide)).clip(1, _HALVINGS).sum()))
+            # As `refine_brackets` does with a tolerance, to the same bits: of several
+            # boundaries between two levels both find the same.
+            middle = np.asarray(compute_middle(low[wide], high[wide]), cases.batch.dtype)
+            outcome = cases.simulate(crossings.records[wide], crossings.objects[wide], middle)
+            is_beyond = outcome == crossings.begins[wide]
+            high[wide[is_beyond]] = middle[is_beyond]
+            low[wide[~is_beyond]] = middle[~is_beyond]
 
 
 def sum_rates(cases: Cases, overturned: np.ndarray, crossings: Crossings) -> Rates:

@@ -41,12 +41,12 @@ class OverturningRate(Printed, eqx.Module):
     rate : Array, shape (...)
         The mean over the records [1/yr], of one block or of each object.
     contributions : Array, shape (records, ...)
-        The rate if each motion were like this record [1/yr].
+        The rate if this record stood for all motions [1/yr].
     standard_error : Array, shape (...)
         Standard error of the rate, from record to record [1/yr]; NaN for one record.
     not_detected : Array, shape (...)
-        Upper bound (95 %) of the change of the rate by windows between levels that are not
-        detected, and by all levels beyond the last [1/yr].
+        Upper bound (95 %) of the error of the rate due to windows between levels that are not
+        detected, and due to all levels beyond the last [1/yr].
     boundaries : Boundaries or None
         Of each record and object, in levels of the intensity measure; None with uncertain
         parameters.
@@ -54,7 +54,7 @@ class OverturningRate(Printed, eqx.Module):
         The rate of each sample of uncertain parameters [1/yr].
     complete : Array of bool, shape (...)
         Whether no record overturns the block at the lowest level, all integrations finished,
-        and all boundaries are listed. If not, the rate may be another.
+        and all boundaries are listed. If not, the rate may be wrong.
     overturns_first : Array of bool, shape (records, ...)
         Whether each record overturns the block at the lowest level.
     records : tuple of str
@@ -134,10 +134,10 @@ def overturning_rate(
 ) -> OverturningRate:
     """Compute the rate at which a block overturns, without fitting a fragility curve.
 
-    Each record, scaled to a level x of the intensity measure, overturns the block on a union
-    of intervals between its boundaries a_0 < a_1 < ..., survival windows included. With the
-    hazard H(x), that happens at a rate of H(a_0) - H(a_1) + ... per year. The rate is the
-    mean over the records.
+    A record that is scaled to the level x of the intensity measure overturns the block
+    between its boundaries a_0 and a_1, a_2 and a_3, and so on; it survives in the windows
+    between. With the hazard H(x), this record overturns the block at a rate of H(a_0) -
+    H(a_1) + H(a_2) - ... per year. The rate is the mean over the records.
 
     Parameters
     ----------
@@ -153,8 +153,8 @@ def overturning_rate(
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     max_boundaries : int
-        How many of each record are listed under `jit`; if there are more, it is not
-        `complete`.
+        Number of boundaries of each record that are listed under `jit`. If there are more,
+        the result is not `complete`.
 
     Returns
     -------
@@ -168,21 +168,23 @@ def overturning_rate(
 
     Notes
     -----
-    Boundaries are located to a relative 1e-9 and, of samples, so that the rate is accurate to
-    1e-4. Above the highest level the outcome there is assumed to persist; below the lowest
-    level the contribution is zero. Derivatives with respect to the block, the restitution and
-    the hazard, in both modes, are those of the boundaries found; a boundary that rounding
-    hides adds nothing to them (see `overturning_boundaries`). For a change of some per cent,
-    compare them with `rate_elasticities`.
+    Boundaries are located to a relative 1e-9; with uncertain parameters, so that the rate is
+    accurate to 1e-4. Above the highest level the outcome there is assumed to persist; below
+    the lowest level the contribution is zero. Derivatives with respect to the block, the
+    restitution and the hazard, in both modes, are those of the detected boundaries. A
+    boundary whose derivative is lost in rounding adds nothing to them (see
+    `overturning_boundaries`). For a change of some per cent, compare them with
+    `rate_elasticities`.
 
     By Good-Turing, the hazard mass of windows hit by exactly one level estimates the mass of
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,
     doi:10.1093/biomet/40.3-4.237; I. J. Good and G. H. Toulmin, Biometrika 43 (1956) 45-63,
     doi:10.1093/biomet/43.1-2.45). The bound adds two standard deviations and, by the rule of
-    three, three windows of the widest step at which an outcome changes; of samples it is the
-    mean. Windows at much lower levels than any change of outcome are not covered. The standard
-    error assumes independent records. Under a suite in both directions the mean of both
-    counts as one record, and the bound is the mean of the bounds of both directions.
+    three, three windows of the widest step at which an outcome changes. With uncertain
+    parameters it is the mean over the samples. Windows far below the first change of outcome
+    are not covered. The standard error assumes independent records. Under a suite in both
+    directions the mean of both counts as one record, and the bound is the mean of the bounds
+    of both directions.
 
     Examples
     --------

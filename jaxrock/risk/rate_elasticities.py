@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
-from ..host import Printed, format_fields, format_table
+from ..host import Printed, format_fields, format_table, name_work
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Number, Reals, as_name, check_kind
 from .objects import Objects, gather_objects
@@ -26,18 +26,18 @@ _DIGITS = 12
 
 
 class RateElasticities(Printed, eqx.Module):
-    """Changes of the rate of overturning in % for 1 %; see `rate_elasticities`.
+    """Elasticities of the rate of overturning, in % for 1 %; see `rate_elasticities`.
 
     Attributes
     ----------
     names : tuple of str
-        Of the parameters of the block, and the restitution.
+        Names of the parameters of the block, and the restitution.
     at_point : Array, shape (names, ...)
-        From the derivatives of the boundaries found [-].
+        From the derivatives of the detected boundaries [-].
     over_change : Array, shape (names, ...)
         From the rates at both ends of the change [-].
     change : float
-        Relative, to either side.
+        Relative change of a parameter, to either side.
     rate : OverturningRate
         The rate itself.
     """
@@ -68,22 +68,22 @@ def rate_elasticities(
 ) -> RateElasticities:
     """Compute how much the rate of overturning changes with each parameter, in two ways.
 
-    The derivative of `overturning_rate` is exact for the boundaries found. Where a block rocks
-    long before it overturns, many of these bound narrow windows and move fast, each its own
-    way, and their sum is as irregular as they are: a small change says nothing about a larger
-    one. The difference of the rates at both ends of a change averages over such windows. Both
-    are of the same rate; use the derivative where the two agree, else the difference.
+    The derivative of `overturning_rate` is exact for the detected boundaries. If a block
+    rocks for long before it overturns, many of these enclose narrow windows and move fast in
+    unrelated directions. The derivative is then irregular, and does not predict the effect of
+    a larger change. The difference of the rates at both ends of a change averages over such
+    windows. Use the derivative where the two agree, else the difference.
 
     Parameters
     ----------
     block, restitution, site, model
         As in `overturning_rate`.
     change : float
-        Relative change to either side, greater than 0 and less than 0.5; no further than
-        kappa = 1, and halfway to C = 1.
+        Relative change to either side, greater than 0 and less than 0.5. It ends at kappa =
+        1, and halfway between C and 1.
     by : {"shape", "sides", "dynamics"}
-        Whether the size is described by half-width at this slenderness and slenderness, by
-        width at this height and height at this width, or by critical angle and frequency
+        Parameters that describe the block: half-width at this slenderness and slenderness;
+        width at this height and height at this width; or critical angle and frequency
         parameter.
 
     Returns
@@ -94,7 +94,7 @@ def rate_elasticities(
     Raises
     ------
     ValueError
-        As in `overturning_rate`, or if `change` or `by` is not one of the above.
+        As in `overturning_rate`, or if `change` or `by` is out of range.
 
     Examples
     --------
@@ -177,7 +177,7 @@ def compute_elasticities(
         Those that are changed.
     site, model : Site, Nonlinear or Linearized
     change : float
-        Relative, to either side.
+        Relative change of a parameter, to either side.
     accuracy : float
         Relative, of the rates at the ends.
     rate : ndarray
@@ -218,7 +218,8 @@ def compute_elasticities(
     ends = objects._replace(block=block, restitution=rows["restitution"][first], names=())
     cases = Cases.of(ends, site, model)
     levels = np.asarray(site.levels)
-    rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, accuracy)
+    with name_work("elasticities"):
+        rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, accuracy)
     at_ends = rates.rate[place.reshape(-1)].reshape(len(names), 2, *objects.shape)
     low, high = at_ends.swapaxes(0, 1)
     # A rate of 0 has no elasticity: NaN, without a warning.

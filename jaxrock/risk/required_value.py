@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..block import Block
-from ..host import Printed, format_fields
+from ..host import Printed, format_fields, name_work
 from ..impact import read_restitution
 from ..overturning import UNITS
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -59,7 +59,7 @@ _BELOW = 1 - 10 * _ACCURACY
 
 
 class RequiredValue(Printed, eqx.Module):
-    """The value from which on, or up to which, a rate stays below a target.
+    """The value beyond which a rate stays below a target.
 
     See `required_value`.
 
@@ -118,7 +118,7 @@ def required_value(
 
     Compute the rate on a grid between the bounds and refine the grid at every crossing of the
     target down to `resolution`. The rate need not be monotone, so there may be several
-    crossings; the outermost one on the side that is asked for is returned.
+    crossings; the outermost one on the requested side is returned.
 
     Parameters
     ----------
@@ -140,8 +140,9 @@ def required_value(
         it, as for a height or a slenderness.
     resolution : float
         Relative distance of neighbouring values at a crossing, at least 1e-6 and less than
-        0.1. Crossings that are closer together are not detected. Nor are those between two
-        first values, 10 % or 8 resolutions apart, if the rate is far from the target at both.
+        0.1. Crossings that are closer together are not detected. Crossings between two values
+        of the first grid, 10 % or 8 resolutions apart, are not detected either if the rate is
+        far from the target at both values.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -156,20 +157,19 @@ def required_value(
 
     Notes
     -----
-    The rate at the value is the one of `overturning_rate`, computed there to 1e-6, not
-    interpolated, and does not exceed the target. Far from the target it is estimated at a part
-    of the levels.
+    The rate at the value is computed to 1e-6, not interpolated, and does not exceed the
+    target. Far from the target it is estimated from part of the levels.
 
     Under records the rate changes by a few per cent from one width to the next, as narrow
-    windows come and go. Between the values that were examined it may exceed the target by as
-    much: for one of two blocks under the example suite at 4 % of 150 widths above the value,
-    by up to 1.3 %. A finer `resolution` finds such excursions.
+    windows appear and disappear. Between the examined values it may exceed the target by as
+    much: in a test of 150 widths above the value, under the example suite, at 4 % of them for
+    one of two blocks, by up to 1.3 %. A finer `resolution` finds such excursions.
 
-    Derivatives with respect to the target, the block, the restitution and the hazard are those
-    of the implicit function theorem, with the rate's derivatives of `overturning_rate`. They
-    are NaN where the rate is not smooth: where its derivative at the value and its difference
-    over 5 % to either side differ by more than a quarter, as under records with many narrow
-    windows.
+    Derivatives with respect to the target, the block, the restitution and the hazard follow
+    from the implicit function theorem and the derivatives of `overturning_rate`. They are NaN
+    where the rate is not smooth: where its derivative at the value differs by more than a
+    quarter from its difference quotient over 5 % to either side, as under records with many
+    narrow windows.
 
     Examples
     --------
@@ -186,7 +186,8 @@ def required_value(
     check("target", target, POSITIVE)
     ends = _check_bounds(bounds, search.along)
     parts = (block, read_restitution(block, restitution), site, target)
-    return _search_value(parts, ends=ends, search=search)
+    with name_work(f"required {search.along.replace('_', '-')}"):
+        return _search_value(parts, ends=ends, search=search)
 
 
 class _ValueKind(NamedTuple):
@@ -236,10 +237,12 @@ def _search_value(
     low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
     limits = targets * _BELOW
     cases = Cases.of(objects, site, search.model)
-    strides = choose_strides(np.asarray(site.levels))
+    levels = np.asarray(site.levels)
+    strides = choose_strides(levels)
+    used = [_choose_places_of_levels(levels, stride).size for stride in strides]
     value_search = ValueSearch(
         functools.partial(_estimate_rates, objects, cases, search.along, strides, limits),
-        len(strides),
+        cases.records * np.diff([0, *used]),
         limits,
         search.resolution,
     )
@@ -259,11 +262,9 @@ def _search_value(
         objects, np.arange(objects.number), np.where(exists, values, low), search.along
     )
     cases = cases.replace_objects(changed)
-    levels = np.asarray(site.levels)
     overturned = tabulate_outcomes(cases, levels)
     rates = compute_rates(cases, overturned, levels, _ACCURACY)
-    directions = site.suite.directions
-    bound = bound_not_detected(overturned, np.asarray(site.rates), directions)
+    bound = bound_not_detected(overturned, np.asarray(site.rates), site.suite.directions)
     arrays = {
         "value": values,
         "rate": np.where(exists, rates.rate, np.nan),
@@ -271,13 +272,12 @@ def _search_value(
         "crossings": crossings,
     }
     dtype = np.asarray(objects.restitution).dtype
-    shape = objects.shape
     fields = {
-        name: entries.astype(dtype).reshape((*shape, *entries.shape[1:]))
+        name: entries.astype(dtype).reshape((*objects.shape, *entries.shape[1:]))
         for name, entries in arrays.items()
     }
-    fields["count"] = np.array([a.crossings.size for a in answers]).reshape(shape)
-    fields["complete"] = (exists & ~overturned[..., 0].any(axis=0)).reshape(shape)
+    fields["count"] = np.array([a.crossings.size for a in answers]).reshape(objects.shape)
+    fields["complete"] = (exists & ~overturned[..., 0].any(axis=0)).reshape(objects.shape)
     reasons = tuple(answer.reason for answer in answers)
     return RequiredValue(**jax.device_put(fields), reasons=reasons, along=search.along)
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..ground_motion import Suite, require_positive_measures
+from ..ground_motion import Suite, require_positive_measures, warn_of_large_intensities
 from ..host import Printed
 from ..validation import (
     NON_NEGATIVE,
@@ -34,24 +34,24 @@ class Site(Printed, eqx.Module):
     """Ground motions and the hazard of a site, checked once.
 
     Each record is scaled to levels of the intensity measure, and the hazard says how often
-    they are exceeded. At these levels outcomes are simulated; a boundary of overturning is
-    located between two of them whose outcomes differ. Two boundaries between neighbouring
-    levels are not detected.
+    they are exceeded. Outcomes are simulated at these levels, and a boundary of overturning
+    is located between neighbouring levels whose outcomes differ. Two boundaries between the
+    same two levels are not detected.
 
     Parameters
     ----------
     suite : Suite
-        Each record with a single scale. Of a suite on a floor the ground is scaled to the
+        Each record with a single scale. For a suite on a floor, the ground is scaled to the
         levels, and the floor with it.
     hazard : Hazard or callable
         Rate of exceedance H [1/yr] of a level, which does not rise with the level.
     measure : {"pgv", "pga"}
         The intensity measure of the hazard [m/s], [m/s2].
     levels : array_like, shape (n,), optional
-        At least two increasing levels, inside of the hazard curve. By default over all of it,
-        up to the first rate of 0; needed with a hazard that is a function.
+        At least two increasing levels, within the hazard curve. By default they cover all of
+        it, up to the first rate of 0. They are needed if the hazard is a function.
     spacing : float
-        Relative distance of the levels by default, from 0.001 to 0.2.
+        Relative distance of the default levels, from 0.001 to 0.2.
 
     Attributes
     ----------
@@ -103,6 +103,7 @@ class Site(Printed, eqx.Module):
         self.suite = suite
         self.hazard = hazard
         self.levels = _choose_site_levels(hazard, levels, spacing)
+        warn_of_large_intensities("the hazard", self.levels, self.measure)
         self.rates = hazard(self.levels)
         _check_rates(self.rates, self.levels)
         self.intensities = require_positive_measures(suite, self.measure)
@@ -122,7 +123,8 @@ class Site(Printed, eqx.Module):
         Parameters
         ----------
         suite : Suite
-            As of a site; for example this one on a floor, or in both directions.
+            A suite as in `Site`; for example that of this site on a floor, or in both
+            directions.
 
         Returns
         -------

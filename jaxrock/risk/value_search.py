@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..block import SIZES_IN_WORDS
+from ..host import count_work
 from ..overturning import UNITS
 
 # Distance of the values that are examined at first, in logarithms, at least and over the
@@ -82,8 +83,8 @@ class ValueSearch(NamedTuple):
     Attributes
     ----------
     estimate : callable
-    stages : int
-        Number of stages of an estimate.
+    motions : ndarray of int, shape (stages,)
+        Number of motions that each stage of an estimate adds for a value.
     targets : ndarray, shape (objects,)
         [1/yr]
     resolution : float
@@ -91,7 +92,7 @@ class ValueSearch(NamedTuple):
     """
 
     estimate: Estimate
-    stages: int
+    motions: np.ndarray
     targets: np.ndarray
     resolution: float
 
@@ -104,14 +105,16 @@ class ValueSearch(NamedTuple):
             ]
             for k, ends in enumerate(zip(low, high, strict=True))
         ]
-        while True:
-            tasks = [p for row in points for p in row if not self._is_decided(p)]
-            tasks = tasks or [p for row in points for p in self._list_answers(row)]
-            if not tasks:
-                break
-            self._estimate_tasks(tasks)
-            for row in points:
-                self._add_middles(row)
+        with count_work("outcomes at values", 1) as work:
+            while True:
+                tasks = [p for row in points for p in row if not self._is_decided(p)]
+                tasks = tasks or [p for row in points for p in self._list_answers(row)]
+                if not tasks:
+                    break
+                work.expect(self._guess_motions(tasks, points))
+                self._estimate_tasks(tasks)
+                for row in points:
+                    self._add_middles(row)
         return [
             RateScan(np.array([p.value for p in row]), np.array([p.rate for p in row]))
             for row in points
@@ -119,7 +122,7 @@ class ValueSearch(NamedTuple):
 
     def _is_exact(self, point: _Point) -> bool:
         """Return whether the rate was computed at all levels."""
-        return point.stage == self.stages - 1
+        return point.stage == len(self.motions) - 1
 
     def _is_decided(self, point: _Point) -> bool:
         """Return whether it is known on which side of the target the rate is."""
@@ -130,6 +133,25 @@ class ValueSearch(NamedTuple):
             return point.stage > 0
         distance = abs(point.rate - self.targets[point.object_index])
         return bool(distance > _DECIDED * point.error)
+
+    def _guess_motions(
+        self, tasks: Sequence[_Point], points: Sequence[Sequence[_Point]]
+    ) -> float:
+        """Guess how many motions these tasks and those after them need."""
+        number = float(sum(self.motions[point.stage + 1] for point in tasks))
+        for row in points:
+            target = self.targets[row[0].object_index]
+            gaps = [
+                after.value / before.value - 1 if before.value else 1.0
+                for before, after in itertools.pairwise(row)
+                # Before anything is known, a crossing is assumed between any two values.
+                if (before.rate > target) != (after.rate > target) or row[0].stage < 0
+            ]
+            if gaps:
+                # Halvings down to the resolution, then the rate at the answer.
+                halvings = math.log2(max(min(gaps) / self.resolution, 1.0))
+                number += (halvings + 1) * self.motions.sum()
+        return number
 
     def _list_answers(self, row: Sequence[_Point]) -> list[_Point]:
         """List the values that may be answers, and whose rates are not exact yet."""

@@ -1,4 +1,4 @@
-"""The dependence of an answer: derivatives, ranges, uncertainty and probability of failure."""
+"""Dependence of an answer on parameters: derivatives, ranges, uncertainty, reliability."""
 
 from .array_slopes import value_and_slopes
 from .distributions import find_coefficients as find_coefficients

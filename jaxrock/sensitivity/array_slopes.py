@@ -22,28 +22,31 @@ def value_and_slopes(
     *,
     mask_beyond: bool = False,
 ) -> Callable[..., tuple[Array, Any]]:
-    """Differentiate an elementwise function of arrays, as `jax.value_and_grad` does numbers.
+    """Differentiate an elementwise function at every element, as `jax.value_and_grad` at one.
 
-    Compiled once for each function. On a processor, large arrays are computed in chunks, so
-    that no intermediate result goes to memory.
+    Each function is compiled once. On a processor, large arrays are computed in chunks, so
+    that intermediate results stay in its cache.
 
     Parameters
     ----------
     function : callable
-        Any function of this package that returns one array, or a hashable one made of such.
+        Any function of this package that returns one array, or a hashable function composed
+        of such functions.
     argnums : int or sequence of int
-        Arguments to differentiate by: numbers, arrays, or a `Scene` or `Block` of them.
+        Arguments with respect to which to differentiate: numbers, arrays, or a `Scene` or
+        `Block` of them.
     mask_beyond : bool
-        Whether slopes are NaN where the value is, as beyond the overturning threshold. By
-        default they are 0 there, which leaves sums intact and must not be read as "no
+        Whether derivatives are NaN where the value is NaN, as beyond the overturning
+        threshold. By default they are 0 there, which keeps sums finite but does not mean "no
         influence".
 
     Returns
     -------
     callable
-        Takes what `function` takes. Returns its values, and the partial derivatives in the
-        form of the argument (a tuple of them if `argnums` is a sequence), each in the shape
-        of the values, also where the argument is broadcast.
+        It takes the arguments of `function`, and returns its values and the partial
+        derivatives. The derivatives have the structure of the argument (a tuple of such
+        structures if `argnums` is a sequence). Each has the shape of the values, also where
+        the argument is broadcast.
 
     Examples
     --------

@@ -30,7 +30,7 @@ def driven_tornado(
     scale: Number = 1.0,
     model: ModelLike = Nonlinear(),
 ) -> TornadoBars:
-    """Move each parameter of a block on moving ground within its range, one at a time.
+    """Vary each parameter of a block on moving ground within its range, one at a time.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def driven_tornado(
     answer : str or callable
         As in `local_dependence`; NaN at an end at which the block overturns.
     scale : float
-        Factor on the motion [-], where it is not varied.
+        Factor on the motion [-], if it is not varied.
     model : Nonlinear or Linearized, or their names
         Equation of motion.
 

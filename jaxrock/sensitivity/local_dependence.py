@@ -36,7 +36,7 @@ _OMITTED = "; derivatives are not meaningful and are omitted"
 
 @dataclass(frozen=True, repr=False)
 class LocalDependence(Printed):
-    """An answer, its derivatives, and whether these mean something; see `local_dependence`.
+    """An answer, its derivatives, and whether these are meaningful; see `local_dependence`.
 
     Attributes
     ----------
@@ -49,8 +49,8 @@ class LocalDependence(Printed):
     overturned : bool
         Whether the block overturns at the medians.
     factor_low, factor_high : float
-        The scale factors between which this outcome stays, all else at the medians [-]; NaN
-        where there is no boundary within `factor_range`.
+        Scale factors between which the outcome is the same, with all other parameters at
+        their medians [-]; NaN where there is no boundary within `factor_range`.
     factor_range : tuple of float
         Lowest and highest scale factor at which the outcome was examined [-].
     meaningful : bool
@@ -60,7 +60,7 @@ class LocalDependence(Printed):
     explained_variance : float
         Fraction of the variance that the tangent explains, over the samples that have an
         answer. Where even the best plane explains less than 0.8, no derivatives are computed,
-        and this is the fraction that the plane explains. NaN where the answer does not vary.
+        and this is the fraction for that plane. NaN where the answer does not vary.
     mean, standard_deviation : float
         Over all samples; NaN if one of them has no answer.
     left_out : float
@@ -112,13 +112,13 @@ def local_dependence(
     scale: float = 1.0,
     model: ModelLike = Nonlinear(),
 ) -> LocalDependence:
-    """Differentiate an answer of a driven block, where derivatives mean something.
+    """Differentiate an answer of a driven block, where derivatives are meaningful.
 
-    Above the weakest motion that overturns a block there are narrow ranges of the strength in
-    which it survives, and impacts make its response rough elsewhere too. A derivative is exact
-    there, and worthless for parameters that are known to 5 %. So derivatives are given if the
-    outcome does not change nearby, and if a tangent describes the answer within the
-    uncertainty.
+    Above the weakest motion that overturns a block there are narrow ranges of scale factors
+    in which it survives, and impacts make its response irregular elsewhere too. A derivative
+    is exact there, but useless for parameters that are known to 5 %. So derivatives are given
+    only if the outcome does not change nearby, and if a tangent describes the answer within
+    the uncertainty.
 
     Parameters
     ----------
@@ -127,15 +127,16 @@ def local_dependence(
     motion : Motion
         A pulse, a `Harmonic` or a `Record`.
     uncertain : Uncertain
-        Coefficients of variation, not all 0. Beside parameters of the block and
-        ``restitution`` these may be of ``scale``, a factor on the motion; of ``amplitude`` and
-        ``duration`` of a pulse, ``amplitude`` and ``frequency`` of a `Harmonic`. Of all of
-        them derivatives are computed.
+        Coefficients of variation, not all 0. Besides parameters of the block and
+        ``restitution``, names may be ``scale``, a factor on the motion; ``amplitude`` and
+        ``duration`` of a pulse; ``amplitude`` and ``frequency`` of a `Harmonic`. Derivatives
+        are computed with respect to all of them.
     answer : {"rotation_ratio", "peak_rotation", "margin"} or callable
-        alpha_max / alpha_c [-] or alpha_max [rad], which a block that overturns does not have,
-        or the margin of `respond` [-], which is defined for all. A callable takes a block and
-        its response to 10 s beyond the end of the motion, or arrays of blocks and of responses
-        as from `respond_batch`, and returns the answer, NaN where it does not exist.
+        alpha_max / alpha_c [-] or alpha_max [rad], which do not exist for a block that
+        overturns; or the margin of `respond` [-], which always exists. A callable takes a
+        block and its response up to 10 s beyond the end of the motion, or arrays of blocks
+        and of responses as from `respond_batch`. It returns the answer, NaN where it does not
+        exist.
     scale : float
         A factor on the motion, greater than 0: the median of ``scale``.
     model : Nonlinear or Linearized, or their names
@@ -153,16 +154,17 @@ def local_dependence(
 
     See Also
     --------
-    outcome_probabilities : Of the same samples, where derivatives mean nothing.
+    outcome_probabilities : Use it on the same samples where derivatives are not meaningful.
 
     Notes
     -----
-    Derivatives are meaningful if three conditions hold. The answer exists at the medians. No
-    boundary of overturning is nearer than the largest coefficient of variation: boundaries
-    are sought along the factor on the motion, four standard deviations of its logarithm to
-    either side, at 257 factors. Two boundaries between neighbouring ones are not detected, so
-    that a narrow range may be narrower still. And the tangent explains 80 % of the variance of
-    the answer over the samples that have one.
+    Derivatives are meaningful if three conditions hold. First, the answer exists at the
+    medians. Second, no boundary of overturning is nearer than the largest coefficient of
+    variation. Boundaries are sought along the factor on the motion, at 257 factors, up to
+    four standard deviations of its logarithm to either side. Two boundaries between
+    neighbouring factors are not detected, so that a narrow range may be narrower still.
+    Third, the tangent explains 80 % of the variance of the answer over the samples that have
+    an answer.
 
     Examples
     --------

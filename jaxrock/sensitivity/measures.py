@@ -46,11 +46,12 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     Parameters
     ----------
     answer, at : callable, pytree
-        From a pytree of numbers to one number; the numbers at which to differentiate.
+        A function from a pytree of numbers to one number; the pytree at which to
+        differentiate.
     sides : bool
         Whether every `Block` in `at` is described by its sides: ``width`` at this height and
-        ``height`` at this width [m]. By default by ``half_width`` at this slenderness, which
-        is a size, and ``slenderness`` at this half-width.
+        ``height`` at this width [m]. By default it is described by ``half_width`` at this
+        slenderness, which is a size, and ``slenderness`` at this half-width.
 
     Returns
     -------
@@ -95,7 +96,7 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
 
 @dataclass(frozen=True, repr=False)
 class TornadoBars(Printed):
-    """Bars of how far each parameter moves an answer within its range; see `tornado`.
+    """Changes of an answer within the range of each parameter; see `tornado`.
 
     Attributes
     ----------
@@ -127,7 +128,7 @@ class TornadoBars(Printed):
 
 
 def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
-    """Move each parameter within its range, one at a time, and compute the answer.
+    """Vary each parameter within its range, one at a time, and compute the answer.
 
     Parameters
     ----------
@@ -194,10 +195,11 @@ class DerivativeBasedMeasures(Printed):
     ----------
     names : tuple of str
     mean_slope, measure, bound : ndarray, shape (parameters,)
-        Mean magnitude of the partial derivative; nu, its mean square; and
-        nu (high - low)^2 / (pi^2 variance), no less than Sobol's total index [-].
+        Mean magnitude of the partial derivative; nu, its mean square; and nu (high - low)^2 /
+        (pi^2 variance), an upper bound on Sobol's total index [-].
     mean, standard_deviation, left_out : float
-        Of the answer over the ranges; fraction of samples without one, which are not counted.
+        Mean and standard deviation of the answer over the ranges; and the fraction of samples
+        without an answer, which do not count.
     """
 
     names: tuple[str, ...]

@@ -24,15 +24,15 @@ class MomentEstimate(Printed):
     first_order_mean, first_order_standard_deviation, mean, standard_deviation : float
         From the gradient alone, and from the gradient and the Hessian.
     variance_fractions : dict
-        Fractions of the first-order variance, by parameter. Empty where parameters are
-        correlated: a part of the variance belongs to several of them then.
+        Fractions of the first-order variance, by parameter. Empty if parameters are
+        correlated, since part of the variance then belongs to several of them.
     mean_error, standard_deviation_error, left_out : float
-        Errors of `mean` and `standard_deviation` by the samples, plus two standard errors of
-        that estimate, over the standard deviation; inf where a sample has no answer.
-        Fraction of such samples.
+        Errors of `mean` and `standard_deviation`, over the standard deviation: estimates from
+        the samples plus two standard errors of the estimates; inf if a sample has no answer.
+        And the fraction of samples without an answer.
     within_tolerance : bool
-        Whether both errors are at most 0.1. Not so where the answer is too nonlinear within
-        the uncertainty, chaotic, or ceases to exist because the block overturns.
+        Whether both errors are at most 0.1. They are larger where the answer is too nonlinear
+        within the uncertainty, chaotic, or does not exist because the block overturns.
     """
 
     first_order_mean: float
@@ -53,18 +53,18 @@ class MomentEstimate(Printed):
 def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     """Estimate mean and standard deviation of an answer to second order.
 
-    Samples check whether the second order describes the answer. Only the difference between
-    the two is sampled: 1,024 samples suffice, and with the 64 of the default an estimate
-    counts as within tolerance only where the answer is nearly quadratic.
+    Samples check whether the second-order expansion describes the answer. Only their
+    difference is sampled, so that 1,024 samples suffice. With the default of 64 an estimate
+    counts as within tolerance only if the answer is nearly quadratic.
 
     Parameters
     ----------
     answer, at : callable, pytree
-        From a pytree of numbers to one number; the medians of these numbers.
+        A function from a pytree of numbers to one number; the pytree of their medians.
     uncertain : Uncertain
-        By the names of these numbers, with one coefficient of variation for each. Of a `Block`
-        the names are those of its fields, or ``width`` (at this height) and ``height`` (at
-        this width), or ``critical_angle`` and ``frequency_parameter``.
+        One coefficient of variation for each uncertain parameter, by name. Names of a `Block`
+        are its fields, or ``width`` (at this height) and ``height`` (at this width), or
+        ``critical_angle`` and ``frequency_parameter``.
 
     Returns
     -------
@@ -74,8 +74,8 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     ------
     ValueError
         If a name is not one of `at`; if a sample of a critical angle reaches pi / 2; if the
-        coefficient of a restitution is too large: not 0 at a median of 1, or such that the
-        density has two peaks.
+        coefficient of variation of a restitution is too large: above 0 at a median of 1, or
+        so large that the density has two peaks.
 
     Examples
     --------

@@ -9,7 +9,7 @@ import numpy as np
 from ..block import Block
 from ..driven import Batch, check_batch, follow_batch, require_complete
 from ..ground_motion import Motion, Suite, average_directions
-from ..host import Printed
+from ..host import Printed, count_work
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Number, as_real, check
 from .driven_answer import change_motion, list_motion_medians
@@ -40,7 +40,7 @@ _FEWEST = 20
 class OutcomeProbabilities(Printed):
     """Probabilities of outcomes, and what they depend on; see `outcome_probabilities`.
 
-    Indices and derivatives that noise hides are not printed as numbers.
+    Indices and derivatives smaller than their sampling noise are not printed as numbers.
 
     Attributes
     ----------
@@ -55,15 +55,16 @@ class OutcomeProbabilities(Printed):
     median, coefficient_of_variation : ndarray, shape (parameters,)
         Their medians and coefficients of variation.
     answers : tuple of str
-        ``"peak"`` and the outcomes: what the indices are of.
+        Answers of which there are indices: ``"peak"`` and the outcomes.
     sources : tuple of str
-        The parameters, and under a suite ``"record"``: what the indices belong to.
+        Sources of variance that have an index: the parameters, and under a suite
+        ``"record"``.
     first, total, first_error, total_error : ndarray, shape (answers, sources)
-        Sobol indices [-], first-order and total, and their standard errors; NaN for an answer
-        that does not vary, and for an outcome of fewer than 20 samples, or of all but those.
+        Sobol indices [-], first-order and total, and their standard errors; NaN if the answer
+        is constant, or if fewer than 20 samples have, or lack, the outcome.
     by_median, by_coefficient_of_variation : ndarray, shape (outcomes, parameters)
         Derivatives of the probability with respect to the logarithm of the median, and to the
-        coefficient of variation [-]; NaN like the indices.
+        coefficient of variation [-]; NaN where the indices are NaN.
     by_median_error, by_coefficient_of_variation_error : ndarray, shape (outcomes, parameters)
         Their standard errors.
     inputs : dict of ndarray, shape (samples,)
@@ -71,9 +72,9 @@ class OutcomeProbabilities(Printed):
     peak : ndarray, shape (records, samples)
         Highest rotation over the critical angle, at most 1, and 1 where the block overturns.
     confidence : float
-        Of the intervals.
+        Confidence level of the intervals.
     directions : int
-        2 if the records are in both directions, which count as one record.
+        2 if the suite has each record in both directions, which count as one record.
     """
 
     outcomes: tuple[str, ...]
@@ -162,31 +163,30 @@ def outcome_probabilities(
 ) -> OutcomeProbabilities:
     """Compute the probabilities that a block with uncertain parameters rocks and overturns.
 
-    Under a record, a response is no smooth function of its parameters: above the first
-    strength that overturns a block there are windows in which it survives, and derivatives
-    say little beyond them. Probabilities are smooth where the response is not.
+    Under a record, a response is not a smooth function of its parameters: above the weakest
+    motion that overturns a block there are windows in which it survives, and derivatives say
+    little about larger changes. Probabilities are smooth where the response is not.
 
     Parameters
     ----------
     block, restitution : Block, float
         The medians.
     motion : Motion or Suite
-        Under a suite the probabilities are those of all samples under all records, and the
-        intervals those of records drawn from where these come from: the records, not the
-        samples, are independent.
+        With a suite, probabilities are averaged over samples and records. Confidence
+        intervals treat the records as the independent units, not the samples.
     uncertain : Uncertain
-        By the names of the parameters of the block (see `Uncertain`) and ``restitution``; by
-        ``scale``, a factor on the motion with the median 1; by ``amplitude`` and ``duration``
-        of a pulse, ``amplitude`` and ``frequency`` of a `Harmonic`. At least one, with one
-        coefficient of variation each, greater than 0, and no correlations. Under one motion
-        4,096 samples give indices to a few hundredths, with the 64 of the default only
-        probabilities are worth reading. As many responses again are simulated for each
-        parameter and once more, for the Sobol indices.
+        Names may be parameters of the block (see `Uncertain`) and ``restitution``; ``scale``,
+        a factor on the motion with the median 1; ``amplitude`` and ``duration`` of a pulse;
+        ``amplitude`` and ``frequency`` of a `Harmonic`. At least one is needed, each with one
+        coefficient of variation greater than 0, without correlations. Under one motion 4,096
+        samples give indices to a few hundredths; with the default of 64 only probabilities
+        are accurate enough. For the Sobol indices, as many responses again are simulated for
+        each parameter, and once more.
     ratio : float
         Rotation ratio alpha_max / alpha_c [-] of the second outcome, greater than 0. A block
         that overturns exceeds it.
     confidence : float
-        Of the intervals, between 0 and 1.
+        Confidence level of the intervals, between 0 and 1.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -204,8 +204,8 @@ def outcome_probabilities(
 
     Notes
     -----
-    One sample serves everything: scrambled Sobol points, simulated in one batch to 10 s beyond
-    the end of the motion. Derivatives of probabilities with respect to medians and
+    All results use the same sample: scrambled Sobol points, simulated in one batch up to 10 s
+    beyond the end of the motion. Derivatives of probabilities with respect to medians and
     coefficients of variation are means of the outcome times the derivative of the log-density
     (score function), so that no response is differentiated.
 
@@ -245,7 +245,9 @@ def outcome_probabilities(
     z = _draw_mixed_samples(len(coefficients), samples, uncertain.seed)
     values = map_normal_numbers(np.concatenate(z), medians, coefficients)
     median = np.array([medians[name] for name in coefficients])
-    answers = _simulate_samples(values, block.one_sided, motion, as_model(model), ratio)
+    motions = len(z) * samples * (len(motion) if isinstance(motion, Suite) else 1)
+    with count_work("samples", motions):
+        answers = _simulate_samples(values, block.one_sided, motion, as_model(model), ratio)
     shape = (*answers.shape[:2], len(z), samples)
     answers = np.moveaxis(answers.reshape(shape), 2, 0)
     outcomes = answers[0, 1:]

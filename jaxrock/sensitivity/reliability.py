@@ -19,14 +19,16 @@ class ReliabilityResult(Printed):
     Attributes
     ----------
     probability, first_order_probability : float
-        With the limit state as a paraboloid, and as a plane, at its most likely point.
+        With the limit state approximated by a paraboloid (SORM), and by a plane (FORM), at
+        its most likely point.
     reliability_index : float
-        beta, its distance from the medians in standard deviations, negative where these fail.
+        beta, the distance of that point from the medians in standard deviations; negative if
+        the margin is negative at the medians.
     most_likely : dict
         The parameters there, by name.
     misjudged : float
-        Fraction of samples that the paraboloid puts on the wrong side of the limit state. But
-        for the noise of sampling, it bounds the error of the paraboloid's probability, which
+        Fraction of samples that the paraboloid puts on the wrong side of the limit state.
+        Apart from sampling noise, it bounds the error of the paraboloid's probability, which
         `probability` approximates.
     status : Status
         NOT_CONVERGED if the search for that point has not converged, NOT_VALIDATED if the
@@ -48,11 +50,11 @@ class ReliabilityResult(Printed):
 def failure_probability(margin: Answer, at: Any, uncertain: Uncertain) -> ReliabilityResult:
     """Estimate the probability that a smooth margin is negative, by FORM and SORM.
 
-    The limit state, where the margin is 0, is replaced by a plane (FORM) and a paraboloid
-    (SORM) at its point next to the medians, in the space of independent standard normal
-    numbers, of which the logarithms and logits of correlated parameters are a linear map.
-    Samples check whether the limit state has that shape; 1,024 of them suffice, and with the
-    64 of the default only a coarse disagreement shows.
+    The limit state is the set of parameters with a margin of 0. At its point nearest to the
+    medians it is replaced by a plane (FORM) and a paraboloid (SORM), in the space of
+    independent standard normal variables. The logarithms and logits of correlated parameters
+    are a linear map of these variables. Samples check whether the limit state has that shape;
+    1,024 samples suffice, while the default of 64 shows only a coarse disagreement.
 
     Parameters
     ----------

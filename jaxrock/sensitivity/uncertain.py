@@ -52,8 +52,8 @@ class Draws(NamedTuple):
     ----------
     block, restitution : Block of ndarray, ndarray, shape (..., samples)
     normal : ndarray, shape (samples, names)
-        The standard normal number of each uncertain parameter, which decides its sample;
-        correlated as the parameters are. All objects share them.
+        The standard normal variable from which each sample of each uncertain parameter
+        follows, correlated as the parameters are. It is the same for all objects.
     floor : FloorFactors or None
         Of shape (..., samples); None where the floor is not uncertain.
     """
@@ -67,29 +67,29 @@ class Draws(NamedTuple):
 class Uncertain(Printed, eqx.Module):
     """Uncertain parameters, by coefficients of variation, and how they are sampled.
 
-    Each parameter is given by its median, the value it has without uncertainty, and by its
-    coefficient of variation: positive ones are lognormal, a ``restitution`` or
-    ``damping_ratio`` is logit-normal, all others are normal. They are independent but for the
-    correlations that are given.
+    Each parameter has a median, its value without uncertainty, and a coefficient of
+    variation. Positive parameters are lognormal, a ``restitution`` or ``damping_ratio`` is
+    logit-normal, all others are normal. They are independent except for the given
+    correlations.
 
     Parameters
     ----------
     coefficients_of_variation : mapping
         Standard deviation over mean [-], finite and at least 0, by name; one number, or one
-        for each object. Of a block the names are ``width`` (at this height) and ``height`` (at
-        this width), or ``half_width`` (at this slenderness) and ``slenderness``, or
-        ``critical_angle`` and ``frequency_parameter``, with which a block is measured;
-        ``gravity`` and ``inertia_ratio``. Of the floor on which a suite is they are
-        ``floor_period`` and ``floor_damping``, which are common to all modes. What else has a
-        name the function says that takes this.
+        for each object. Of a block the names are ``width`` (at this height) and ``height``
+        (at this width), or ``half_width`` (at this slenderness) and ``slenderness``, or
+        ``critical_angle`` and ``frequency_parameter``, which can be measured; ``gravity`` and
+        ``inertia_ratio``. For the floor of a suite the names are ``floor_period`` and
+        ``floor_damping``, which are common to all modes. Functions that take an `Uncertain`
+        list any further names.
     correlations : mapping, optional
-        Correlation coefficients [-], between -1 and 1, by pairs of names: of the logarithms of
-        lognormal parameters, the logits of logit-normal ones, normal ones themselves. Pairs
-        that are not given are uncorrelated. All objects have the same.
+        Correlation coefficients [-], between -1 and 1, by pairs of names: of the logarithms
+        of lognormal parameters, the logits of logit-normal ones, normal ones themselves.
+        Pairs that are not given are uncorrelated. All objects have the same correlations.
     samples : int
         Number of samples, a power of 2.
     seed : int
-        Of the scrambling of the Sobol points, at least 0.
+        Seed of the scrambling of the Sobol points, at least 0.
 
     Attributes
     ----------
@@ -107,9 +107,9 @@ class Uncertain(Printed, eqx.Module):
 
     Notes
     -----
-    Correlated parameters are a linear map of independent standard normal numbers, by the
-    Cholesky factor of the correlations: the first name keeps its own points, and so do those
-    that are correlated with none before them.
+    Correlated parameters are a linear map of independent standard normal variables, by the
+    Cholesky factor of the correlations. The first name keeps its own points, and so does
+    every name that is correlated with none before it.
 
     Examples
     --------
@@ -182,12 +182,12 @@ class Uncertain(Printed, eqx.Module):
         return dict(self.correlated_pairs)
 
     def correlate(self, normal: np.ndarray) -> np.ndarray:
-        """Correlate independent standard normal numbers, as those of `Draws` are.
+        """Correlate independent standard normal variables, as those of `Draws` are.
 
         Parameters
         ----------
         normal : ndarray, shape (samples, names)
-            Independent standard normal numbers, a column for each name.
+            Independent standard normal variables, a column for each name.
 
         Returns
         -------
@@ -201,8 +201,8 @@ class Uncertain(Printed, eqx.Module):
     def draw(self, block: Block, restitution: Number, *, on_floor: bool = False) -> Draws:
         """Draw samples of a block, or of each of many, by scrambled Sobol points.
 
-        All objects share the points: what differs between two of them is not the noise of two
-        samples. What is drawn of an object does not depend on the others.
+        All objects share the points, so that a difference between two objects is not sampling
+        noise. The samples of an object do not depend on the other objects.
 
         Parameters
         ----------
@@ -221,9 +221,9 @@ class Uncertain(Printed, eqx.Module):
         ValueError
             If a name is none of the parameters, or is of a floor and there is none; if
             descriptions of a size are mixed; if there are more axes than one, or not a
-            coefficient for each object; if an inertia ratio falls below 1, or a critical angle
-            reaches pi / 2; if the coefficient of a restitution is too large: not 0 at a median
-            of 1, or such that the density has two peaks.
+            coefficient for each object; if an inertia ratio falls below 1, or a critical
+            angle reaches pi / 2; if the coefficient of variation of a restitution is too
+            large: above 0 at a median of 1, or so large that the density has two peaks.
 
         Examples
         --------

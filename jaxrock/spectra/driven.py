@@ -95,33 +95,35 @@ def rocking_spectrum(
     Parameters
     ----------
     motion : Motion or Suite
-        A pulse, a `Harmonic` or a `Record`, the same for all; or a `Suite`, each record of
-        which all meet.
+        A pulse, a `Harmonic` or a `Record`, the same for all blocks; or a `Suite`, each
+        record of which acts on all blocks.
     period : array_like
         2 pi / p of the blocks [s], a number or one-dimensional.
     slenderness, critical_angle : array_like
         lambda [-] or alpha_c [rad] of the blocks: one of the two.
     restitution : array_like, optional
-        C [-]; by default Housner's of each block, without a dimension of its own.
+        C [-]. By default that of Housner for each block, which adds no dimension.
     gravity, inertia_ratio, one_sided : float, float, bool
-        g [m/s2], kappa [-] and the wall of all blocks; see `Block`. Of one-sided blocks the
-        restitution is by default `one_sided_restitution`, and along an axis a magnitude.
+        g [m/s2], kappa [-], and whether all blocks stand against a wall; see `Block`. For
+        one-sided blocks the restitution is by default `one_sided_restitution`, and its axis
+        has magnitudes.
     factor : array_like, optional
         Factors on the ground motion [-], which add a dimension.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     tolerance : float, optional
         Compute each block to this relative error of the peak rotation; see `respond_within`.
-        The dataset then has the variables rtol, error and within_tolerance, 0 where the
-        response is so chaotic that no tolerance is good enough.
+        The dataset then also has the variables rtol, error and within_tolerance. The last is
+        0 where the response is so chaotic that no tolerance suffices.
     chunks : mapping of str to int or "auto", optional
         For a lazy dataset; see `resonance_spectrum`.
 
     Returns
     -------
     xarray.Dataset
-        With dimensions (record,) period, slenderness (, restitution and factor) the variables
-        rotation_ratio, peak_rotation, overturned, margin and impacts, at the end of the input.
+        Has the dimensions (record,) period, slenderness (, restitution and factor), and the
+        variables rotation_ratio, peak_rotation, overturned, margin and impacts at the end of
+        the input.
 
     Raises
     ------
@@ -222,7 +224,7 @@ def overturning_spectrum(
     tolerance: float | None = None,
     chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
-    """Compute which pulses of one shape overturn a block, in the plane of the literature.
+    """Compute which pulses of one shape overturn a block, over frequency and amplitude ratio.
 
     Parameters
     ----------
@@ -231,9 +233,11 @@ def overturning_spectrum(
     frequency_ratio : array_like
         omega_p / p [-], a number or one-dimensional; see `Pulse.frequency`.
     amplitude_ratio : array_like
-        a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-]: lifts from 1 on.
+        a_p / (g tan(alpha_c)), or a_p / (g alpha_c) with `Linearized` [-]. Above 1 a pulse
+        lifts the block.
     slenderness, restitution, inertia_ratio : float
-        lambda [-], C [-], Housner's by default, and kappa [-], on which only that depends.
+        lambda [-]; C [-], by default Housner's; and kappa [-], which affects only this
+        default.
     one_sided : bool
         Whether the block stands against a wall, from which a positive acceleration pushes it
         away. C is then by default the magnitude of `one_sided_restitution`.
@@ -243,8 +247,8 @@ def overturning_spectrum(
     Returns
     -------
     xarray.Dataset
-        With dimensions frequency_ratio and amplitude_ratio the variables of
-        `rocking_spectrum`; the same for every size of block.
+        Has the dimensions frequency_ratio and amplitude_ratio and the variables of
+        `rocking_spectrum`. It holds for every size of block.
 
     Raises
     ------

@@ -87,24 +87,27 @@ def harmonic_spectrum(
     frequency_ratio : array_like
         omega / p [-], a number or one-dimensional.
     amplitude_ratio : array_like
-        Amplitude over g tan(alpha_c), linearized over g alpha_c [-]: lifts from 1 on.
+        Amplitude over g tan(alpha_c), or over g alpha_c with `Linearized` [-]. Above 1 the
+        floor lifts the block.
     slenderness, restitution, inertia_ratio : float
-        lambda [-], C [-], Housner's by default, and kappa [-], on which only that depends.
+        lambda [-]; C [-], by default Housner's; and kappa [-], which affects only this
+        default.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     cycles : int
-        For how many periods blocks are followed, at least 1.
+        Number of simulated periods, at least 1.
     chunks : mapping of str to int or "auto", optional
         For a lazy dataset; see `resonance_spectrum`.
 
     Returns
     -------
     xarray.Dataset
-        With dimensions frequency_ratio and amplitude_ratio the variables velocity_ratio,
-        rotation_ratio, phase, trace and multiplier of `harmonic_orbit`, NaN where there is
-        none; region: no_orbit, stable, or what a block does that is launched near an orbit
-        that is not stable, symmetry_broken where it goes on to rock in another way, overturned
-        where it reaches pi / 2; and from_rest. The same for every size of block.
+        Has the dimensions frequency_ratio and amplitude_ratio, and of `harmonic_orbit` the
+        variables velocity_ratio, rotation_ratio, phase, trace and multiplier, NaN where there
+        is no orbit. The variable region is no_orbit or stable or, for an unstable orbit, the
+        outcome of a block launched near it: symmetry_broken if it continues to rock in
+        another way, overturned if it reaches pi / 2. The variable from_rest is the outcome of
+        a block that starts from rest. All hold for every size of block.
 
     Raises
     ------
@@ -113,9 +116,9 @@ def harmonic_spectrum(
 
     Notes
     -----
-    Near an orbit means in its phase but 0.1 % faster. At a restitution of 1 no orbit is
-    stable: a disturbed one stays nearby at best. Where motions are chaotic, single points
-    of the regions are due to rounding.
+    A launch near an orbit has its phase but is 0.1 % faster. At a restitution of 1 no orbit
+    is stable: a perturbed motion stays nearby at best. Where motions are chaotic, rounding
+    decides single points of the regions.
 
     Examples
     --------
@@ -173,7 +176,7 @@ def harmonic_spectrum(
 
 
 def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
-    """Give a harmonic spectrum, which is of every size, the units of one block.
+    """Add the frequencies and amplitudes of one block to a harmonic spectrum.
 
     Parameters
     ----------
@@ -192,7 +195,8 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
     Raises
     ------
     ValueError
-        If `block` has another shape than the spectrum is of, is an array, or one-sided.
+        If the slenderness or the inertia ratio of `block` is not that of the spectrum, or if
+        it is an array or one-sided.
 
     Examples
     --------

@@ -53,29 +53,30 @@ def overturning_map(
     max_boundaries: int | None = None,
     chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
-    """Find every boundary between standing and overturning, in the plane of the literature.
+    """Find every boundary of overturning under pulses, over frequency and amplitude ratio.
 
     Parameters
     ----------
     shape, frequency_ratio, slenderness, restitution, inertia_ratio, one_sided, model
         As in `overturning_spectrum`.
     amplitude_ratios : sequence of two floats
-        The range of a_p / (g tan(alpha_c)), linearized a_p / (g alpha_c) [-].
+        The range of a_p / (g tan(alpha_c)), or of a_p / (g alpha_c) with `Linearized` [-].
     resolution : float
-        Windows wider than this share of their amplitude are found; see `critical_amplitude`.
+        Windows wider than this fraction of their amplitude are detected; see
+        `critical_amplitude`.
     max_boundaries : int, optional
-        How many boundaries are listed at each frequency, the lowest ones; by default all, and
-        16 in a lazy dataset, whose size must be known beforehand.
+        Number of boundaries that are listed at each frequency, the lowest ones. By default
+        all are listed, in a lazy dataset 16, since its size must be known beforehand.
     chunks : mapping of str to int or "auto", optional
         Along frequency_ratio, for a lazy dataset; see `resonance_spectrum`.
 
     Returns
     -------
     xarray.Dataset
-        With dimensions frequency_ratio and boundary the variables amplitude_ratio (NaN where
-        there are fewer boundaries), overturns_beyond and impacts, and along frequency_ratio
-        alone overturns_first and count, the number of boundaries there are, listed or not; see
-        `Boundaries`. The same for every size of block.
+        Has the dimensions frequency_ratio and boundary and the variables amplitude_ratio (NaN
+        beyond the number of boundaries), overturns_beyond and impacts. Along frequency_ratio
+        alone it has overturns_first and count, the number of all boundaries, listed or not;
+        see `Boundaries`. All hold for every size of block.
 
     Raises
     ------

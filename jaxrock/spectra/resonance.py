@@ -70,7 +70,7 @@ def resonance_spectrum(
     devices: Sequence[Any] | None = None,
     chunks: "Chunks | None" = None,
 ) -> "xarray.Dataset":
-    """Resonance spectra over a full grid of blocks, restitutions and pulse intensities.
+    """Compute resonance spectra over a full grid of blocks, restitutions and pulse intensities.
 
     Parameters
     ----------
@@ -78,31 +78,34 @@ def resonance_spectrum(
         lambda [-], full width 2b [m], C [-] and I [m/s], numbers or one-dimensional; only an
         array of intensities adds a dimension.
     model : Linearized or Nonlinear, their names, or "auto"
-        "auto": at each point the cheapest that keeps the `tolerance`, as the variable model
-        says.
+        "auto" takes at each point the cheapest model within `tolerance`; the variable model
+        names it.
     tolerance : float
-        For "auto", on rotation_ratio, peak_rotation, period and critical_intensity, relative.
+        For "auto": relative tolerance of rotation_ratio, peak_rotation, period and
+        critical_intensity.
     gravity, inertia_ratio, one_sided : float, float, bool
-        g [m/s2], kappa [-] and the wall of all blocks; see `Block`. For one-sided
-        blocks the axis ``restitution`` has magnitudes.
+        g [m/s2], kappa [-], and whether all blocks stand against a wall; see `Block`. For
+        one-sided blocks the axis ``restitution`` has magnitudes.
     store : path, optional
-        A NetCDF file that the values go to as they are computed, and that the dataset reads on
-        demand: neither has to fit into memory. One that exists is replaced by the whole new
-        one.
+        A NetCDF file to which the values are written as they are computed, and from which the
+        dataset reads them on demand, so that they need not fit into memory. An existing file
+        is replaced once the new one is complete.
     devices : sequence of jax.Device, optional
-        That share the work; all of this process unless given. The numbers are the same.
+        Devices that divide the work; by default all devices of this process. The values do
+        not depend on them.
     chunks : mapping of str to int or "auto", optional
-        Lengths along dimensions, as in ``{"slenderness": 50}``; the others stay whole. Then
-        nothing is computed, and the dataset is lazy: of Dask arrays, one task for each chunk,
-        the same numbers. Needs ``jaxrock[cluster]``; see `jaxrock.grids`.
+        Lengths of chunks by dimension, as in ``{"slenderness": 50}``; other dimensions are
+        not divided. The dataset is then lazy: it has Dask arrays, with one task for each
+        chunk, and nothing is computed yet. The values are the same. Needs
+        ``jaxrock[cluster]``; see `jaxrock.grids`.
 
     Returns
     -------
     xarray.Dataset
-        With dimensions slenderness, width, restitution (and intensity) the variables
+        Has the dimensions slenderness, width, restitution (and intensity), and the variables
         rotation_ratio, peak_rotation, period, amplification, overturning_margin,
-        overturning_half_cycle and critical_intensity. NaN where the block overturns and
-        the quantity presupposes that it does not; overturning_margin says where.
+        overturning_half_cycle and critical_intensity. Quantities that presuppose a standing
+        block are NaN where it overturns; overturning_margin shows where.
 
     Raises
     ------

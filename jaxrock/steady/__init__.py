@@ -1,6 +1,7 @@
-"""Driven rocking that repeats itself: under pulses of finite duration, on a harmonic floor.
+"""Steady driven rocking: under pulses of finite duration, and on a harmonic floor.
 
-Both are fixed points of a map from one half-period to the next, with its slope for stability.
+Both are fixed points of a map from one half-period to the next, whose derivatives decide
+stability.
 """
 
 from .harmonic_linearized import least_harmonic_amplitude, symmetry_breaking_amplitude

@@ -174,9 +174,9 @@ def require_two_sides(arguments: dict[str, object]) -> None:
 def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the least amplitude of a harmonic floor that keeps the linearized block rocking.
 
-    The block moves already, in the symmetric motion of `harmonic_orbit`. If it loses little at
-    impacts, this is far below the amplitude that lifts it from rest; for a restitution of 1 it
-    is 0.
+    The block is already in the symmetric motion of `harmonic_orbit`. If it loses little
+    energy at impacts, this amplitude is far below the one that lifts it from rest; for a
+    restitution of 1 it is 0.
 
     Parameters
     ----------
@@ -218,8 +218,8 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
 def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the amplitude beyond which steady rocking is no longer symmetric.
 
-    There a multiplier of the half-period map of the linearized block passes -1: the symmetric
-    motion of `harmonic_orbit` goes on to exist, but is not stable any more.
+    At this amplitude a multiplier of the half-period map of the linearized block passes -1.
+    Beyond it the symmetric motion of `harmonic_orbit` still exists, but is unstable.
 
     Parameters
     ----------

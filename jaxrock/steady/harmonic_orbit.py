@@ -44,31 +44,34 @@ _PEAK_STEPS = 5
 
 
 class HarmonicOrbit(Printed, eqx.Module):
-    """Symmetric steady rocking on a harmonic floor, an impact each half period; NaN for none.
+    """Symmetric steady rocking on a harmonic floor, an impact per half period; NaN if none exists.
 
     Attributes
     ----------
     launch_velocity : Array
         Angular velocity just after an impact [rad/s].
     phase : Array
-        Phase of the floor's sine [rad], between 0 and pi, at an impact after which the block
-        stands on the side to which rotation is positive.
+        Phase of the floor's sine [rad], between 0 and pi, at an impact after which the
+        rotation is positive.
     peak_rotation, rotation_ratio : Array
         Largest rotation [rad], and over the critical angle.
     multipliers : Array of complex, shape (..., 2)
         Eigenvalues of the derivative of the map from one launch to the next, half a period
         later: the factors by which perturbations shrink. The one of larger modulus is first.
     trace, determinant : Array
-        Their sum and their product, the square of the restitution; smooth where they are not.
+        Sum and product of the multipliers, smooth where the multipliers are not. The product
+        is the square of the restitution.
     exists : Array of bool
-        Whether there is such a motion, above the ground between its impacts and below pi / 2.
+        Whether such a motion exists, with a rotation between 0 and pi / 2 from impact to
+        impact.
     stable : Array of bool
-        Whether small perturbations decay: both multipliers are inside of the unit circle.
+        Whether small perturbations decay: both multipliers are inside the unit circle.
     symmetry_broken : Array of bool
-        Whether it exists but a multiplier is below -1: half periods alternate then.
+        Whether the motion exists but a multiplier is below -1, so that half periods
+        alternate.
     below_uplift : Array of bool
-        Whether it exists on a floor that lifts no block from rest: it goes on once it has
-        begun.
+        Whether the motion exists on a floor that is too weak to lift the block from rest: it
+        continues once it has begun.
     """
 
     launch_velocity: Reals
@@ -102,10 +105,10 @@ def harmonic_orbit(
     *,
     model: ModelLike = Nonlinear(),
 ) -> HarmonicOrbit:
-    """Compute symmetric steady rocking on a floor that goes on to move as a sine for ever.
+    """Compute symmetric steady rocking on a floor that accelerates as an endless sine.
 
-    The block hits the ground once in each half period, alternately on both sides. Of two such
-    motions it is the one with the faster launch; the other one is never stable.
+    The block hits the ground once in each half period, alternately on both sides. If there
+    are two such motions, it is the one with the faster launch; the other one is never stable.
 
     Parameters
     ----------
@@ -117,7 +120,7 @@ def harmonic_orbit(
     frequency : array_like
         Angular frequency omega of the floor [rad/s], greater than 0.
     model : Nonlinear or Linearized, or their names
-        Equation of motion; see `respond`. Linearized it has a closed form.
+        Equation of motion; see `respond`. The linearized motion has a closed form.
 
     Returns
     -------
@@ -127,15 +130,15 @@ def harmonic_orbit(
     Raises
     ------
     ValueError
-        If a concrete argument is out of range, where a traced one gives NaN, or the block is
+        If a concrete argument is out of range (a traced one gives NaN), or if the block is
         one-sided.
 
     Notes
     -----
-    The floor accelerates with ``amplitude sin(omega t)``. Towards the least amplitude at which
-    the motion exists its derivatives grow without bound. Nonlinear motions are found by
-    collocation with 36 nodes. A motion that these do not resolve counts as none. Such motions
-    occur on floors slower than 0.3 p, and on somewhat faster ones that are strong.
+    The floor accelerates with ``amplitude sin(omega t)``. The derivatives grow without bound
+    towards the least amplitude at which the motion exists. Nonlinear motions are computed by
+    collocation with 36 nodes. A motion that these nodes do not resolve counts as nonexistent:
+    this occurs at frequencies below 0.3 p, and at somewhat higher ones with large amplitudes.
 
     Examples
     --------

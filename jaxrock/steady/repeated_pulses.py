@@ -52,24 +52,27 @@ class PulsedPhase(Printed, eqx.Module):
     Attributes
     ----------
     velocity : Array
-        v*, velocity with which the block lands [rad/s]; for short pulses the launch velocity.
+        v*, velocity with which the block lands [rad/s]; for short pulses it is the launch
+        velocity.
     rate : Array
-        Slope of the map there: the part of a perturbation that remains after a half-cycle.
+        Derivative of the half-cycle map there: the factor that a half-cycle applies to a
+        perturbation.
     period : Array
-        T*, two half-cycles, or one of a one-sided block [s]; NaN where the motion settles.
+        T*, the duration of two half-cycles, or of one for a one-sided block [s]; NaN where
+        the motion settles.
     peak_rotation, rotation_ratio : Array
         alpha*_max [rad], and over the critical angle.
     stands : Array of bool
         Whether there is a stabilized phase; rest counts as one if the block settles.
     from_rest : Array of bool
-        Whether the pulses lead to it from rest. If not, the motion from rest dies out or never
-        begins: only a block in motion is kept in motion.
+        Whether the pulses lead to this phase from rest. If not, the motion from rest dies out
+        or never begins: the pulses only sustain a block that already moves.
     settles : Array of bool
         Whether the motion dies out and no other stable phase was found: velocity and
         rotations are 0, and the rate is C.
     overturns : Array of bool
-        Whether the pulses overturn the block from rest. Where it neither overturns nor
-        stands, its half-cycles go on without becoming equal, or the integration failed.
+        Whether the pulses overturn the block from rest. If it neither overturns nor stands,
+        its half-cycles never become equal, or the integration failed.
     """
 
     velocity: Reals
@@ -97,11 +100,11 @@ def pulsed_phase(
 ) -> PulsedPhase:
     """Find the stabilized phase under pulses of finite duration.
 
-    It is the fixed point of `pulsed_next_velocity` that is reached from rest: by the first
-    pulse, on a block at rest, and by the next ones. If that motion dies out or never begins,
-    it is the largest stable fixed point, of a block in motion; where there is none either, it
-    is rest. As the duration of the pulse goes to 0 at the same intensity, the phase tends to
-    the one of `Nonlinear` in proportion to the duration.
+    The phase is the fixed point of `pulsed_next_velocity` that a block at rest reaches under
+    successive pulses. If that motion dies out or never begins, it is the largest stable fixed
+    point, which needs a block in motion. If there is none either, it is rest. As the duration
+    of the pulse goes to 0 at constant intensity, the phase tends to that of `Nonlinear`; the
+    difference is proportional to the duration.
 
     Parameters
     ----------
@@ -119,9 +122,9 @@ def pulsed_phase(
 
     Notes
     -----
-    From rest the map is followed for at most 300 evaluations, in longer steps where it is
-    nearly linear. Larger fixed points are sought at 64 velocities in constant ratio, and
-    between neighbours where the map and its slopes show that one may hide.
+    From rest the map is iterated with at most 300 evaluations, in longer steps where it is
+    nearly linear. Larger fixed points are sought at 64 velocities in geometric progression,
+    and between neighbours where the map and its derivatives do not exclude one.
 
     Examples
     --------

@@ -50,7 +50,7 @@ def pulsed_next_velocity(
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-9,
 ) -> Reals:
-    """Apply the half-cycle map: compute the landing velocity that follows another one.
+    """Apply the half-cycle map: compute the next landing velocity from the present one.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ def pulsed_next_velocity(
     Returns
     -------
     Array
-        Angular velocity just before the next impact [rad/s]; 0 where the block stays at
-        rest, NaN where it overturns. From velocity 0 it is at rest until the pulse lifts it,
-        to whichever side; a one-sided block only away from its wall.
+        Angular velocity just before the next impact [rad/s]; 0 where the block stays at rest,
+        NaN where it overturns. At velocity 0 the block is at rest until the pulse lifts it,
+        to either side; a one-sided block is lifted only away from its wall.
 
     Raises
     ------

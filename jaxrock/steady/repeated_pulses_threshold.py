@@ -46,21 +46,22 @@ _NEAR = 1e-3
 
 
 class PulsedThreshold(Printed, eqx.Module):
-    """Pulses of finite duration that just overturn, each right after an impact; NaN for none.
+    """Pulses of finite duration, each after an impact, that just overturn a block; else NaN.
 
     Attributes
     ----------
     amplitude, intensity : Array
         Amplitude [m/s2] and intensity [m/s] of the pulses.
     rate : Array
-        Slope of the half-cycle map there; NaN for a finite number of half-cycles.
+        Derivative of the half-cycle map there; NaN for a finite number of half-cycles.
     lifts : Array of bool
-        Whether they lift the block from rest. If not, only a block in motion is kept in
-        motion.
+        Whether the pulses lift the block from rest. If not, they only sustain a block that
+        already moves.
     from_rest : Array of bool
-        Whether pulses weaker by 1e-6 lead to that fixed point from rest. If not, they do not
-        lift the block, or its motion dies out; or they, and weaker ones, overturn it: a
-        one-sine pulse can overturn a block at rest and keep one up that moves fast enough.
+        Whether pulses weaker by a relative 1e-6 lead to the fixed point from rest. If not,
+        they do not lift the block, its motion dies out, or even weaker ones overturn it: a
+        one-sine pulse can overturn a block at rest, yet sustain a block that moves fast
+        enough.
     """
 
     amplitude: Reals
@@ -87,12 +88,13 @@ def critical_pulsed_amplitude(
     model: ModelLike = Nonlinear(),
     rtol: float = 1e-10,
 ) -> PulsedThreshold:
-    """Find the amplitude of the pulses that just overturn a block within so many half-cycles.
+    """Find the amplitude of pulses that just overturn a block within a number of half-cycles.
 
-    The first pulse meets the block at rest, each other one follows an impact. Without end,
-    they overturn it from where the fixed point of `pulsed_next_velocity` disappears: there a
-    block that lands with the critical velocity just fails to overturn under the next pulse.
-    For short pulses the intensity tends to `critical_intensity`.
+    The first pulse acts on the block at rest, each further one begins at an impact. An
+    endless sequence overturns the block once the fixed point of `pulsed_next_velocity` has
+    disappeared. At this threshold a block that lands with the critical velocity just fails to
+    overturn under the next pulse. For short pulses the intensity tends to
+    `critical_intensity`.
 
     Parameters
     ----------
@@ -108,13 +110,14 @@ def critical_pulsed_amplitude(
     Returns
     -------
     PulsedThreshold
-        For a finite number the lowest amplitude that overturns, up from uplift in steps of a
-        fifth. Without end the lowest one at which a fixed point reaches the threshold; NaN
-        where the `rate` of the map is not between -1 and 1 there. Above 1, as under long
-        pulses, the stable fixed point has met an unstable one at a lower amplitude, and both
-        are gone; below -1 half-cycles alternate already at a lower amplitude. NaN also where
-        no amplitude brings the block to the threshold: one that loses most of its velocity at
-        impacts is caught by a long pulse, or overturns at once.
+        For a finite number of pulses, the lowest amplitude that overturns the block, searched
+        upwards from uplift in steps of a fifth. For an endless sequence, the lowest amplitude
+        at which a fixed point reaches the threshold; NaN if the `rate` of the map there is
+        not between -1 and 1. A rate above 1, as under long pulses, means that the stable
+        fixed point has met an unstable one at a lower amplitude, and both have disappeared. A
+        rate below -1 means that half-cycles alternate at a lower amplitude already. NaN also
+        if no amplitude brings the block to the threshold: a block that loses most of its
+        velocity at impacts is caught by a long pulse, or overturns at once.
 
     Raises
     ------

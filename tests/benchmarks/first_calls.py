@@ -5,8 +5,8 @@ only what has one of them in its name. Each entry is the median of processes of 
 take turns and find nothing compiled. The third figure is the first call of a process that
 finds what another one compiled, in the folder of ``JAX_COMPILATION_CACHE_DIR``; commands
 always keep what they compile, so their second figure is of that kind. Beside it stand what was
-last written into ``first_calls.json`` and the table in ``docs/speed_and_accuracy.md`` with
-``--write``, and the bar; what is over the bar is marked. Float64.
+last written into ``first_calls.json`` and the tables of ``docs/speed_and_accuracy.md`` and the
+README with ``--write``, and the bar; what is over the bar is marked. Float64.
 """
 
 import argparse
@@ -23,7 +23,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 FILE = Path(__file__).with_suffix(".json")
-PAGE = FILE.parents[2] / "docs" / "speed_and_accuracy.md"
+ROOT = FILE.parents[2]
+PAGE = ROOT / "docs" / "speed_and_accuracy.md"
+README = ROOT / "README.md"
 BEGIN = "<!-- first calls: begin -->\n"
 END = "<!-- first calls: end -->\n"
 PYTHON = "{}.{}".format(*sys.version_info)
@@ -42,6 +44,18 @@ def respond(motion, factor=1.0):
 
 def called(f):
     return lambda: f(0.7)
+
+
+def closed(name, differentiated=False):
+    import jax
+
+    import jaxrock as jr
+
+    scene = wall()
+    if name == "critical_intensity":
+        return lambda: jr.critical_intensity(scene.block, 0.7)
+    f = getattr(jr, name)
+    return lambda: (jax.grad(f) if differentiated else f)(scene)
 
 
 def slope(transformation):
@@ -237,6 +251,9 @@ def same(bar):
 
 RANGES = {"intensity": (0.1, 0.2), "restitution": (0.6, 0.8)}
 CASES = {
+    "rotation_ratio": Case(lambda: closed("rotation_ratio")),
+    "grad of rotation_ratio": Case(lambda: closed("rotation_ratio", True)),
+    "critical_intensity": Case(lambda: closed("critical_intensity")),
     "respond, pulse": Case(lambda: called(respond("pulse")), (2, 3)),
     "respond, record": Case(lambda: called(respond("record")), (2, 3)),
     "jacfwd of respond": Case(lambda: called(slope("jacfwd")), (4, 6)),
@@ -277,7 +294,7 @@ USED = "import jaxrock as jr; [getattr(jr, name) for name in jr.__all__ if name 
 IMPORTS = {"import jax": "import jax", "import jaxrock": USED}
 ADDED = 0.3
 COMMANDS = {
-    "jaxrock assess": ["assess", "--width", "0.8", "--height", "4", "--restitution", "0.7"],
+    "jaxrock assess": ["assess", "--restitution", "0.7", "--intensity", "0.15"],
     "jaxrock respond, file": [
         "respond",
         "--record",
@@ -411,24 +428,45 @@ def seconds(value):
     )
 
 
-def table(written):
+# What the README quotes.
+QUOTED = (
+    "rotation_ratio",
+    "grad of rotation_ratio",
+    "respond, record",
+    "respond_batch, 1,000 blocks",
+    "fragility, 20 records",
+    "overturning_rate, 20 records",
+    "jaxrock assess",
+)
+
+
+def format_name(name):
+    """The name as it stands in a table."""
+    function, _, what = name.partition(", ")
+    shown = " of ".join(f"`{word}`" for word in function.split(" of "))
+    return shown if name in COMMANDS else f"{shown}{', ' * bool(what)}{what}"
+
+
+def table(written, names=None):
     """The table in Markdown: each column for the newest and for the oldest Python."""
     new = written["3.13"]
     old = written["3.11"]
     rows = ["| seconds | first | with a cache | next |", "|---|---|---|---|"]
-    for name in CASES:
-        first, following, cached = (
-            " / ".join(seconds(python[name][k]) for python in (new, old)) for k in range(3)
-        )
-        function, _, what = name.partition(", ")
-        shown = " of ".join(f"`{word}`" for word in function.split(" of "))
-        rows.append(f"| {shown}{', ' * bool(what)}{what} | {first} | {cached} | {following} |")
-    for name in COMMANDS:
-        pair = (
-            " / ".join(seconds(python[name][k]) for python in (new, old)) for k in range(2)
-        )
-        rows.append(f"| `{name.partition(',')[0]}` | {' | '.join(pair)} | |")
+    for name in names or [*CASES, *COMMANDS]:
+        cells = [
+            " / ".join(map(seconds, pair)) for pair in zip(new[name], old[name], strict=True)
+        ]
+        first, following, cached = cells if name in CASES else (cells[0], "", cells[1])
+        rows.append(f"| {format_name(name)} | {first} | {cached} | {following} |")
     return "\n".join([*rows, ""])
+
+
+def write_table(path, text):
+    """Write a table between the marks of a page."""
+    page = path.read_text(encoding="utf-8")
+    begin, rest = page.split(BEGIN)
+    end = rest.split(END)[1]
+    path.write_text(begin + BEGIN + text + END + end, encoding="utf-8")
 
 
 def main():
@@ -472,10 +510,8 @@ def main():
         )
         before.update(lines)
         FILE.write_text(json.dumps(committed, indent=1) + "\n", encoding="utf-8")
-        text = PAGE.read_text(encoding="utf-8")
-        begin, rest = text.split(BEGIN)
-        end = rest.split(END)[1]
-        PAGE.write_text(begin + BEGIN + table(committed) + END + end, encoding="utf-8")
+        write_table(PAGE, table(committed))
+        write_table(README, table(committed, QUOTED))
 
 
 if __name__ == "__main__":

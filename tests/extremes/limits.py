@@ -17,33 +17,33 @@ LIMITS = (
         "float64",
         "gradient",
         ("for an hour",),
-        "4,914 half-cycles without loss: what the steps of each leave of an error adds up to"
-        " 1e-5 s at the end. The final rotation is within its bound, its slopes are those of"
-        " a moment before.",
+        "4,914 half-cycles without loss: the errors of the steps add up to 1e-5 s at the end."
+        " The final rotation is within its bound; its derivatives are those of a slightly earlier"
+        " time.",
     ),
     Limit(
         "respond",
         "float32",
         "gradient",
         ("for an hour",),
-        "4,914 equal peaks, and in float32 one of the later ones comes out as the largest: its"
-        " slope to C is that of a block that has had two hundred impacts. At the end it is five"
-        " half-cycles behind.",
+        "all 4,914 peaks are equal, and float32 reports a later one as the largest: its derivative"
+        " with respect to C is that of a block after two hundred impacts. At the end the motion is"
+        " five half-cycles behind.",
     ),
     Limit(
         "respond_batch",
         "float64",
         "gradient",
         ("for an hour",),
-        "4,914 half-cycles without loss, whose steps add up what they leave of an error: the"
-        " final rotation is within its bound, its slopes are off by 1.2e-4.",
+        "4,914 half-cycles without loss: the errors of the steps add up. The final rotation is"
+        " within its bound; its derivatives are off by 1.2e-4.",
     ),
     Limit(
         "respond_batch",
         "float32",
         "gradient",
         ("for an hour",),
-        "as in float64: the slopes of the final rotation are off by a fifth.",
+        "as in float64: the derivatives of the final rotation are off by a fifth.",
     ),
 )
 KNOWN = {

@@ -15,34 +15,35 @@ import limits
 HEAD = f"""# Corners
 
 Printed by `python tests/extremes/table.py`; not to be edited. `test_extremes.py` evaluates
-every cell: where it says "within", all functions are within the bounds below, and where it
-has a number, what the number stands for is not, with the reason below the tables. Numbers not
-in the name of a corner are b = 0.4 m, λ = 5, g = 9.81 m/s², C = 0.7, I = 0.15 m/s.
+every cell. "Within" means that all functions are within the bounds below. A number refers to a
+known limit below the tables: there a function exceeds its bound. Unless the name of a corner
+states other values, b = 0.4 m, λ = 5, g = 9.81 m/s², C = 0.7, I = 0.15 m/s.
 
 ## Closed forms
 
-Launch, half-cycle and stabilized velocity, period, rotation, rotation ratio, amplification,
+These answers, linearized and nonlinear, are compared with mpmath at exactly the same arguments:
+launch, half-cycle and stabilized velocity, period, rotation, rotation ratio, amplification,
 overturning margin, overturning half-cycle, and critical intensity for 1, 10⁶ and unlimited
-half-cycles; linearized and nonlinear; against mpmath at exactly the same arguments.
+half-cycles. x is the stabilized velocity divided by the critical velocity.
 
-- Values: 2 (1 + K) units in the last place, K the sum of the magnitudes of all elasticities.
-  C counts with the smaller of C and 1 - C.
-- Gradients: {corners.OF_DERIVATIVES} eps of each entry; over 1 - x² for what has no value
-  beyond the verge, x being the stabilized velocity over the critical one.
-- Hessians: {corners.OF_DERIVATIVES} eps, over 1 - x² likewise, of the sum of all entries, each
-  times both its arguments.
-- Where the block overturns, values are NaN or infinite and derivatives 0. If x is closer to 1
-  than rounding allows to tell, either is right.
-- Up to {corners.FLUSHED} times the smallest normal number may be 0.
-- "1 - 1e-15" is in float32 the number next below 1.
+- Values: 2 (1 + K) units in the last place. K is the sum of the magnitudes of all elasticities; the
+  elasticity to C uses the smaller of C and 1 - C.
+- Gradients: {corners.OF_DERIVATIVES} eps relative to each entry. This bound is divided by 1 - x²
+  for answers that do not exist beyond the threshold.
+- Hessians: {corners.OF_DERIVATIVES} eps, divided by 1 - x² likewise, relative to the sum of all
+  entries, each multiplied by both its arguments.
+- If the block overturns, values are NaN or infinite and derivatives are 0. If rounding hides
+  whether x is below 1, either result is right.
+- Answers below {corners.FLUSHED} times the smallest normal number may be 0.
+- In float32, "1 - 1e-15" is the largest number below 1.
 """
 DRIVEN = """
 ## Driven motion
 
-One block under a rectangular pulse, or launched at 0.6 of its critical velocity: peak, margin,
-first impact, final rotation, against the motion of a pendulum in tilted gravity in mpmath. A
-block that is "pushed" gets half of its critical intensity. Errors are relative to the answer
-and all its elasticities together:
+One block is launched at 0.6 of its critical velocity, or "pushed" by a rectangular pulse with half
+of its critical intensity. Peak, margin, first impact and final rotation are compared with a
+pendulum in tilted gravity, computed by mpmath. Errors are relative to the answer and all its
+elasticities together:
 
 | | value | gradient | Hessian |
 |---|---|---|---|

@@ -214,11 +214,15 @@ SPEED = "tests/benchmarks/spectrum.py"
 ROWS = (
     Row("closed forms in float64 against 70 digits", ACCURACY, lambda: values(np.float64)),
     Row("closed forms in float32 against 70 digits", ACCURACY, lambda: values(np.float32)),
-    Row("slopes of closed forms, relative, float64", ACCURACY, closed_slopes),
+    Row("derivatives of closed forms, relative, float64", ACCURACY, closed_slopes),
     Row("the paper's tables", "tests/test_paper.py", paper),
     Row("times of 20 impacts of free rocking, relative", RESPONSE, impacts),
     Row("peak and margin through impacts against SciPy, relative", RESPONSE, scipy),
-    Row("slope of a peak to C through impacts, relative", RESPONSE, driven_slope),
+    Row(
+        "derivative of a peak with respect to C through impacts, relative",
+        RESPONSE,
+        driven_slope,
+    ),
     Row(
         "Housner's critical rectangular pulses, relative",
         "tests/test_boundaries.py",
@@ -227,7 +231,7 @@ ROWS = (
     Row("the default tolerance against 1e-13 on a record", "tests/test_choose.py", tolerances),
     Row("a million rotation ratios, linearized", SPEED, lambda: million(jr.Linearized())),
     Row("a million rotation ratios, nonlinear", SPEED, lambda: million(jr.Nonlinear())),
-    Row("the same with their four slopes", SPEED, lambda: million(jr.Nonlinear(), True)),
+    Row("the same with their four derivatives", SPEED, lambda: million(jr.Nonlinear(), True)),
     Row(
         "100,000 critical intensities, nonlinear", "tests/benchmarks/critical.py", intensities
     ),

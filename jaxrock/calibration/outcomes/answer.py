@@ -42,30 +42,30 @@ class OutcomeFit(Printed, eqx.Module):
     Attributes
     ----------
     population : Population
-        Medians, deviations, correlations, lapse: the mode of the posterior.
+        The mode of the posterior: medians, deviations, correlations and lapse.
     block, restitution : Block, Array
-        The medians, ready for everything else.
+        Block and coefficient of restitution at the medians.
     free, covariance : Array, shape (12,), (12, 12)
-        Logarithms, logits and the like of the numbers of the population, and their covariance
-        in the posterior.
+        Parameters of the population, transformed to unbounded ones (by logarithms, logits and
+        the like), and their posterior covariance.
     draws, draw_weights : Array, shape (draws, 12), (draws,)
-        Such numbers drawn from the posterior, and their weights, with a sum of 1.
+        Transformed parameters drawn from the posterior, and their weights, which add up to 1.
     prior_mean, prior_width : Array, shape (12,)
-        Their means and standard deviations before the tests.
+        Prior means and standard deviations of the transformed parameters.
     points : Points
         The sample of blocks.
     data : TestData
-        What the blocks of the sample do in the tests, padded.
+        Outcomes of the blocks of the sample in the tests, padded.
     counts : Array
         1 for the tests, 0 for the padding.
     effective_blocks : Array
-        Blocks of the sample on which probabilities rest: 1 over the sum of squared weights.
+        Effective sample size of the probabilities: 1 over the sum of squared weights.
     groups : int
         Number of groups of tests.
     grouped : bool
         Whether the tests of a group share a deviation.
     simulator : Simulator
-        What all blocks have in common.
+        Settings that all blocks have in common.
     status : Array of int
         A `jaxrock.Status`: COMPLETE, or NOT_CONVERGED.
     """
@@ -95,9 +95,10 @@ class OutcomeFit(Printed, eqx.Module):
 
     @property
     def uncertain(self) -> Uncertain:
-        """The block of another test, for fragilities, rates and inventories.
+        """The uncertain block of another test, for fragilities, rates and inventories.
 
-        Without the lapse. The deviation of groups is part of that of the critical angle.
+        It does not include the lapse. Its deviation of the critical angle includes that of
+        groups.
 
         Raises
         ------
@@ -122,7 +123,7 @@ class OutcomeFit(Printed, eqx.Module):
         )
 
     def compute_intervals(self, confidence: float = 0.9) -> dict[str, tuple[float, float]]:
-        """Compute intervals of the numbers of the population, by name.
+        """Compute intervals of the parameters of the population, by name.
 
         Parameters
         ----------
@@ -132,8 +133,8 @@ class OutcomeFit(Printed, eqx.Module):
         Returns
         -------
         dict of tuple of float
-            Both ends, as medians and deviations are given in `Population`. Correlations are
-            partial ones: the last is that at a given critical angle.
+            Both ends, in the units of `Population`. Correlations are partial: the last one is
+            the correlation at a given critical angle.
 
         Raises
         ------
@@ -159,14 +160,14 @@ class OutcomeFit(Printed, eqx.Module):
 
     @property
     def undecided(self) -> tuple[str, ...]:
-        """Names of medians of which the tests leave most as the prior has it."""
+        """Names of the medians whose uncertainty is still mostly that of the prior."""
         variance = np.diagonal(np.asarray(self.covariance, float))[: len(NAMES)]
         left = variance / np.asarray(self.prior_width, float)[: len(NAMES)] ** 2
         return tuple(name for name, part in zip(NAMES, left, strict=True) if part > _UNDECIDED)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences to know before the numbers are used."""
+        """Remarks to read before using the results."""
         sentences = []
         status = describe_status(self.status)
         if status:
@@ -235,16 +236,16 @@ class OutcomeFit(Printed, eqx.Module):
     ) -> Reals:
         """Compute the probability that a test under each motion overturns.
 
-        The block of the test is another one of the population, its group is not known, and
-        lapses count.
+        The block of the test is drawn anew from the population, its group is unknown, and
+        lapses are included.
 
         Parameters
         ----------
         motions : Suite or Record
             Concrete.
         population : Population, optional
-            Another one than that fitted, near to it. This may be traced: the outcomes of the
-            sample stay, its weights are differentiated.
+            A population near the fitted one. It may be traced: derivatives are those of the
+            weights of the sample, whose outcomes stay fixed.
 
         Returns
         -------
@@ -271,12 +272,12 @@ class OutcomeFit(Printed, eqx.Module):
         return probability[0] if single else probability
 
     def log_likelihood(self, population: Population | None = None) -> Reals:
-        """Compute the logarithm of the likelihood of the tests, by any population near.
+        """Compute the log-likelihood of the tests under a population near the fitted one.
 
         Parameters
         ----------
         population : Population, optional
-            That fitted by default. It may be traced.
+            The fitted one by default. It may be traced.
 
         Returns
         -------

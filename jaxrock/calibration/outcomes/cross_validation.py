@@ -58,9 +58,9 @@ def cross_validate(
 ) -> "xarray.Dataset":
     """Score predicted outcomes: fit on half of the groups, predict the others, many times.
 
-    Groups are halved as a whole: tests that share an earthquake on both sides flatter. A
-    split with seed k fits the first half, rounded down, of a permutation of the sorted names
-    of the groups by ``numpy.random.default_rng(k)``.
+    Groups stay whole: with tests of one earthquake in both halves, scores would be too good.
+    A split with seed k fits the first half, rounded down, of a permutation of the sorted
+    names of the groups by ``numpy.random.default_rng(k)``.
 
     Parameters
     ----------
@@ -69,27 +69,30 @@ def cross_validate(
     groups : sequence of str, optional
         A name for each test, such as that of the earthquake; by default each test is a group.
     splits : int
-        Number of halvings.
+        Number of random splits into halves.
     seed : int
-        Of the first split; the others have the next ones. Also that of the Sobol points.
+        Seed of the first split; each further split has the next seed. Also the seed of the
+        Sobol points.
 
     Returns
     -------
     xarray.Dataset
-        - Over predictor and split: ``brier``, ``log_score`` and ``accuracy`` on the tests that
-          were not fitted. The predictors are the population of ``blocks``; logistic rules in
-          the logarithms of ``pgv``, without the drift of a record, and of ``pga``, fitted to
-          the same half; and the ``base rate`` of that half.
+        - Over predictor and split: ``brier``, ``log_score`` and ``accuracy`` on the tests
+          that were not fitted. The predictors are ``blocks``, the fitted population; ``pgv``
+          and ``pga``, logistic rules in the logarithm of one measure, fitted to the same half
+          (PGV without the drift of a record); and ``base rate``, the frequency of overturning
+          in that half.
         - Over predictor and test: ``probability`` of overturning, the mean over the splits in
           which the test was not fitted.
         - Over test: ``overturned``, ``group``, ``pgv`` [m/s], ``pga`` [m/s2].
-        - Over bin: the reliability of the blocks: ``predicted`` mean probability, ``observed``
-          frequency with its Clopper-Pearson interval ``observed_low`` to ``observed_high``, for
-          ``tests`` that count once in all splits together.
-        - With peaks over split: ``crps`` [rad], the continuous ranked probability score of
-          blocks that stand; ``ks_distance`` and ``ks_p_value``, of Kolmogorov and Smirnov's
-          test that measured and predicted peaks have one distribution. Over test:
-          ``peak_rotation`` [rad].
+        - Over bin, the reliability of the predictor ``blocks``: ``predicted`` mean probability,
+          ``observed`` frequency with its Clopper-Pearson interval ``observed_low`` to
+          ``observed_high``, and the number of ``tests``, each of which counts once over all
+          splits.
+        - If peaks are given, over split: ``crps`` [rad], the continuous ranked probability
+          score of blocks that stand; ``ks_distance`` and ``ks_p_value`` of the
+          Kolmogorov-Smirnov test that measured and predicted peaks have the same
+          distribution. Over test: ``peak_rotation`` [rad].
 
     Raises
     ------

@@ -33,12 +33,12 @@ def fit_outcomes(
 ) -> OutcomeFit:
     """Fit a population of blocks to tests on a shaking table that overturned or stood.
 
-    A single rocking motion cannot be predicted, the statistics of many can (Bachmann et al.
-    2018, https://doi.org/10.1002/eqe.2978). So each test has a block of its own, out of a
-    population that is normal in ln(alpha_c), ln(p) and logit(C): a sample of blocks is
-    simulated under all motions once, and the probability of each outcome is a mean over the
-    sample with weights that are smooth in the population. The mode of the posterior is found
-    by gradients.
+    A single rocking motion cannot be predicted, but the statistics of many can (Bachmann et
+    al. 2018, https://doi.org/10.1002/eqe.2978). So each test has a block of its own, from a
+    population that is normal in ln(alpha_c), ln(p) and logit(C). A sample of blocks is
+    simulated once under all motions. The probability of each outcome is a weighted mean over
+    this sample. The weights are smooth functions of the population, so the mode of the
+    posterior is found by gradients.
 
     Parameters
     ----------
@@ -47,24 +47,26 @@ def fit_outcomes(
     overturned : array_like of bool, shape (tests,)
         Whether the block of each test overturned.
     prior : Block, FreeRockingFit or mapping, optional
-        What is known of the medians otherwise: a block by its size, a test of free rocking, or
-        for any of "critical_angle" [rad], "frequency_parameter" [1/s] and "restitution" [-] its
-        value and the coefficient of variation of that. Without it next to nothing is known.
+        Prior of the medians: a block of known size, a test of free rocking, or a median and
+        its coefficient of variation for any of "critical_angle" [rad], "frequency_parameter"
+        [1/s] and "restitution" [-]. By default it is nearly uninformative.
     groups : sequence of str, optional
-        A name for each test, such as that of the earthquake: what the model does not know of a
-        motion is common to its group. By default all tests are independent.
+        A name for each test, such as that of the earthquake. Tests of a group share an error
+        of the model. By default all tests are independent.
     peak_rotations : array_like, shape (tests,), optional
         Measured peak rotations [rad]; NaN where unknown. Those of blocks that overturned are
         left out.
     samples : int, optional
-        Blocks of the sample, a power of 2 from 64 on; a quarter more is drawn from the prior,
-        and more where few have weight. By default 8,192 for up to 128 tests, 2,048 from 512 on.
+        Number of blocks in the sample, a power of 2 from 64 on. A quarter more is drawn from
+        the prior, and more again if few blocks have weight. By default 8,192 for up to 128
+        tests, 2,048 from 512 on.
     seed : int
-        Of the Sobol points.
+        Seed of the Sobol points.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     gravity, inertia_ratio : float
-        [m/s2], and I_O / (m R^2) [-], which outcomes cannot tell from p.
+        g [m/s2] and I_O / (m R^2) [-]; outcomes cannot distinguish their effects from that of
+        p.
     one_sided : bool
         Whether the blocks stand against a wall.
 
@@ -75,13 +77,14 @@ def fit_outcomes(
     Raises
     ------
     ValueError
-        If an argument is out of range, traced, or not of the shape it has to be; if the
-        integration of a motion does not finish.
+        If an argument is out of range, traced or of the wrong shape; if the integration of a
+        motion does not finish.
 
     Notes
     -----
-    Outcomes alone leave a ridge: blocks that are more slender, larger and lose more energy do
-    much the same. `OutcomeFit.undecided` says which medians the tests do not decide.
+    Outcomes alone leave a ridge in the posterior: blocks that are more slender, larger and
+    lose more energy behave much the same. `OutcomeFit.undecided` names the medians that the
+    tests do not determine.
 
     The sample is simulated in single precision.
 

@@ -117,27 +117,29 @@ class _Test(NamedTuple):
 def read_tests(path: str | os.PathLike[str]) -> Outcomes:
     r"""Read a table of tests in which a block overturned or stood, and their motions.
 
-    The tests may be those of a shaking table, or the objects may have stood in earthquakes.
+    They may be tests on a shaking table, or observations of objects in earthquakes.
 
     Parameters
     ----------
     path : str or path
-        A file with columns separated by commas, semicolons or tabs, in any order, below a line
-        with their names, such as ``file,unit,overturned``. Titles may stand above that line
-        and units below it. Lines that begin with # are comments, and rows of empty cells are
-        left out. Decimals stand behind points, or all of them behind commas.
+        A file with columns separated by commas, semicolons or tabs, in any order, below a
+        line with their names, such as ``file,unit,overturned``. Titles may stand above that
+        line and units below it. Lines that begin with # are comments, and rows of empty cells
+        are left out. The decimal separator is a point, or a comma in all numbers.
 
         Each test has a ``file`` with its motion, absolute or relative to the folder of the
-        table, and yes, true, 1, overturned, or no, false, 0, stood, in the column
-        ``overturned``. Where the files do not state them, or have several components, there are
-        a ``unit`` of acceleration, a ``time step [s]`` and a ``column``, as in `read_record`.
+        table. The column ``overturned`` has yes, true, 1 or overturned, or else no, false, 0
+        or stood. Where the files do not state them, a ``unit`` of acceleration and a ``time
+        step [s]`` are needed, and where they have several components a ``column``, as in
+        `read_record`.
 
         A ``scale`` is a factor on the motion, 1 if it is missing; if it is negative, the
         motion is reversed. Tests of the same ``group``, such as an earthquake, are not
-        independent of each other: all tests have one or none has. A ``peak rotation``, in rad,
-        mrad or deg, is empty where it was not measured; that of a test that overturned is
-        left out, since a block that falls has no peak. A test may have a ``name`` of its own,
-        else it is that of the file without its ending; a number follows where it is taken.
+        independent of each other; either all tests have a group or none has. A ``peak
+        rotation``, in rad, mrad or deg, is empty where it was not measured; that of a test
+        that overturned is left out, since a block that falls has no peak. A test may have a
+        ``name``. By default it is the name of the file without its ending, followed by a
+        number if that name is taken.
 
     Returns
     -------

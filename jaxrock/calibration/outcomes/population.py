@@ -32,7 +32,7 @@ NODE_WEIGHTS = tuple((_NODE_WEIGHTS / _NODE_WEIGHTS.sum()).tolist())
 
 
 class Population(Printed, eqx.Module):
-    """Blocks of a series of tests, each test with a block of its own.
+    """The population from which each test of a series has a block of its own.
 
     The logarithms of alpha_c and p and the logit of C are jointly normal.
 
@@ -45,7 +45,7 @@ class Population(Printed, eqx.Module):
     correlations : Array, shape (3,)
         Of ln(alpha_c) and ln(p), of ln(alpha_c) and logit(C), of ln(p) and logit(C) [-].
     lapse : Array, shape ()
-        Probability that a test does what no block of the population decides: overturning and
+        Probability that the outcome of a test does not depend on its block: overturning and
         standing are then equally likely [-].
     group_deviation : Array, shape ()
         Standard deviation of a change of ln(alpha_c) that all tests of a group share [-]; 0

@@ -15,7 +15,7 @@ from scipy.special import expit, logsumexp
 from ...block import Block
 from ...driven import Batch, follow_batch, require_complete
 from ...ground_motion import Suite
-from ...host import show_progress
+from ...host import count_work
 from ...resonance import RockingModel
 from ...sensitivity import draw_normal_numbers
 from ...validation import as_array
@@ -131,13 +131,14 @@ class Simulator(NamedTuple):
         outcomes: list[np.ndarray] = []
         peaks: list[np.ndarray] = []
         ground = Batch.of(*_select(blocks, restitution, slice(0, 1)), suite, axes=1).ground
-        for k in show_progress(range(0, len(restitution), step), "blocks under all motions"):
-            part = _select(blocks, restitution, slice(k, k + step))
-            response = follow_batch(Batch.of(*part, ground), self.model)
-            require_complete(np.asarray(response.complete), record=suite.names, block=None)
-            outcomes.append(np.asarray(response.overturned))
-            if self.needs_peaks:
-                peaks.append(np.asarray(response.peak_rotation, np.float32))
+        with count_work("blocks under all motions", len(restitution) * len(suite)):
+            for k in range(0, len(restitution), step):
+                part = _select(blocks, restitution, slice(k, k + step))
+                response = follow_batch(Batch.of(*part, ground), self.model)
+                require_complete(np.asarray(response.complete), record=suite.names, block=None)
+                outcomes.append(np.asarray(response.overturned))
+                if self.needs_peaks:
+                    peaks.append(np.asarray(response.peak_rotation, np.float32))
         overturned = np.concatenate(outcomes, axis=1)
         return overturned, np.concatenate(peaks, axis=1) if self.needs_peaks else None
 

@@ -15,9 +15,9 @@ from ...host import (
     Printed,
     Status,
     count_processors,
+    count_work,
     format_fields,
     map_in_threads,
-    show_progress,
 )
 from ...impact import read_restitution
 from ...numerics import refuse_reverse_mode
@@ -99,24 +99,25 @@ class SimulatedBatch(NamedTuple):
 
 
 class BatchResponse(Printed, eqx.Module):
-    """The responses of many blocks; see `respond_batch`. All have the shape of the batch.
+    """Responses of many blocks; see `respond_batch`. All arrays have the shape of the batch.
 
     Attributes
     ----------
     peak_rotation : Array
         Largest abs(alpha) [rad], at most pi / 2.
     final_rotation, final_velocity : Array
-        At the end of the duration [rad], [rad/s]; of a block that has fallen, at the end of
-        the step in which it reached pi / 2.
+        Rotation [rad] and angular velocity [rad/s] at the end of the duration. For a block
+        that has fallen, at the end of the step in which it reached pi / 2.
     overturned : Array of bool
         As in `Response`.
     margin : Array
         `free_motion_margin` at the end of the input [-].
     impacts : Array of int
-        Number of impacts, without the infinitely many in which a block comes to rest.
+        Number of impacts. The infinitely many impacts by which a block comes to rest do not
+        count.
     mode : Array of int
-        Number of impacts before overturning, which may be one more than until the end of the
-        input; -1 for a block that stands.
+        Number of impacts before overturning; -1 for a block that stands. It includes an
+        impact after the end of the input, if the block then overturns on the other side.
     status : Array of int
         A `jaxrock.Status`: COMPLETE, or STOPPED or INVALID, where the real numbers are NaN.
     """
@@ -225,12 +226,12 @@ def respond_batch(
     model: ModelLike = Nonlinear(),
     rtol: float | None = None,
 ) -> BatchResponse:
-    """Response of many blocks, each in steps of its own.
+    """Compute the responses of many blocks, each in time steps of its own.
 
     Everything broadcasts: blocks, restitutions, durations, initial rotations and velocities,
     the amplitude, duration and start of a pulse, the amplitude, frequency and start of a
     `Harmonic`, the scale, time step and start of a `Record`, and the leading axes of its
-    samples. What one block does is the same whatever else is in the batch.
+    samples. The response of a block does not depend on what else is in the batch.
 
     Parameters
     ----------
@@ -241,20 +242,20 @@ def respond_batch(
         A pulse, a `Harmonic`, a `Record`, or a `Suite`, whose records make the leading axis of
         the results.
     duration : array_like, optional
-        How long to follow each block [s], greater than 0; by default to the end of the motion.
+        Simulated time [s], greater than 0; by default to the end of the motion.
     rotation, velocity : array_like, optional
-        Initial rotation [rad] and angular velocity [rad/s]; at rest by default. If either
-        is given, even as 0, the batch takes another program.
+        Initial rotation [rad] and angular velocity [rad/s]; at rest by default. If either is
+        given, even as 0, another program is compiled.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     rtol : float, optional
-        Tolerance of each step, 1e-9 by default, 1e-5 in float32: the last two terms of its
-        polynomial, relative to the first ones, are at most rtol / 20 (rtol / 50 below 1e-10), as
-        far as rounding allows. `rtol` controls the error of a step, not of an answer: impacts
-        amplify errors, up to a million times and more. No step passes a sample of a record.
-        Where samples are close, as in most records, the steps for 1e-3 and 1e-7 are the same,
-        and so are the answers: their agreement proves nothing. `respond_within` estimates the
-        error of each answer.
+        Tolerance of each step, 1e-9 by default (1e-5 in float32). The last two terms of the
+        step's polynomial are at most rtol / 20 times the first ones (rtol / 50 below 1e-10),
+        as far as rounding allows. `rtol` controls the error of a step, not of an answer:
+        impacts amplify errors, up to a million times and more. A step ends at a sample of a
+        record at the latest. Where samples are close, as in most records, the steps for 1e-3
+        and 1e-7 are the same, and so are the answers: their agreement proves nothing.
+        `respond_within` estimates the error of each answer.
 
     Returns
     -------
@@ -268,10 +269,11 @@ def respond_batch(
 
     Notes
     -----
-    By Taylor polynomials, each as long as its last terms allow: a pulse enters by its own
-    series, a harmonic motion by one for each period, a record by one line from sample to
-    sample. Outside of transformations, the batch is shared out to the devices, or to the cores
-    of a processor. Has forward-mode derivatives.
+    Each step is a Taylor polynomial, as long as its last terms allow. A pulse enters with its
+    own Taylor series, a harmonic motion with one series for each period, a record with a
+    straight line between neighbouring samples. Outside of transformations, the batch is
+    distributed over the devices, or over the cores of a processor. Derivatives exist in
+    forward mode.
 
     Examples
     --------
@@ -366,7 +368,8 @@ def simulate_batch(
             part, rows, number, control, program=program, lanes=_LANES
         )
     else:
-        result = _follow_groups(batch.ground, rows, control, program)
+        with count_work("motions", rows.shape[1]):
+            result = _follow_groups(batch.ground, rows, control, program)
     shape = batch.shape
     return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
@@ -381,7 +384,7 @@ def _follow_groups(
     group = np.searchsorted(ground.begins, rows[-1], side="right") - 1
     separate = []
     places = []
-    for k, part in enumerate(show_progress(ground.parts, "groups of records")):
+    for k, part in enumerate(ground.parts):
         (place,) = np.nonzero(group == k)
         group_rows = rows[:, place]
         group_rows[-1] -= ground.begins[k]
@@ -434,9 +437,12 @@ def _share_out(
         if len(devices) > 1 or not on_processor:
             placed = jax.device_put(placed, devices[k % len(devices)])
         result = follow(*placed, count, control, program=program, lanes=lanes)
-        return jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
+        result = jax.device_get(result)
+        work.advance(count)
+        return jax.tree.map(lambda leaf: leaf[:count], result)
 
-    separate = map_in_threads(follow_piece, range(pieces), min(workers, pieces))
+    with count_work("motions", size) as work:
+        separate = map_in_threads(follow_piece, range(pieces), min(workers, pieces))
 
     def put_together(*parts: np.ndarray) -> np.ndarray:
         whole = np.empty(size, parts[0].dtype)

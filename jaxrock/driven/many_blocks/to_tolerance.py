@@ -26,6 +26,7 @@ wrong in the response and in both companions. And rounding may decide in all thr
 way, whether a block comes to rest.
 """
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -34,7 +35,7 @@ import numpy as np
 
 from ...block import Block
 from ...ground_motion import Motion, Suite
-from ...host import Printed, format_fields
+from ...host import Printed, count_work, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check, check_concrete
 from .batch import Batch
@@ -75,25 +76,25 @@ _AMPLIFICATION = 1e-6
 
 
 class EstimatedResponse(Printed, eqx.Module):
-    """Responses and how good they are; see `respond_within`.
+    """Responses with estimates of their errors; see `respond_within`.
 
     Attributes
     ----------
     response : BatchResponse
-        At the tolerance of each block.
+        The responses, each computed at its own `rtol`.
     rtol : Array
-        That tolerance: a step tighter than asked for, or the tightest where that was needed.
+        Tolerance `rtol` of `respond_batch` for each block: one level tighter than requested,
+        or the tightest level where that was needed.
     error : Array
-        Estimated bound on the relative error of the peak rotation, at least four times `rtol`:
-        three times the difference to a less accurate simulation. Where there are two of these,
-        the more accurate one counts, but the bound is at least 3/4 of the difference to the
-        other. Inf where outcomes differ or trajectories diverge.
+        Estimated bound on the relative error of the peak rotation: three times the difference
+        from a less accurate simulation, and at least four times `rtol`. If there are two such
+        simulations, the more accurate one is used, but the bound is at least 3/4 of the
+        difference from the other one. Inf where outcomes differ or trajectories diverge.
     cheapest : Array
-        The loosest tolerance known to be good enough, for the next time; the tightest where
-        none is.
+        The loosest `rtol` known to suffice, for later calls; the tightest level if none does.
     within_tolerance : Array of bool
-        Whether the error is within the tolerance. Where it is not, the response is chaotic,
-        or the precision cannot deliver it.
+        Whether the error is within the tolerance. If not, the response is chaotic, or the
+        floating-point precision does not suffice.
     """
 
     response: BatchResponse
@@ -117,14 +118,14 @@ def respond_within(
     *,
     model: ModelLike = Nonlinear(),
 ) -> EstimatedResponse:
-    """Response of many blocks to a tolerance, with an estimate of the error of each.
+    """Compute the responses of many blocks to a tolerance, and estimate the error of each.
 
     Parameters
     ----------
     blocks, restitution, motion, duration, model
         As in `respond_batch`, where everything broadcasts.
     tolerance : float
-        On the peak rotation, relative.
+        Relative tolerance of the peak rotation.
 
     Returns
     -------
@@ -137,25 +138,28 @@ def respond_within(
 
     Notes
     -----
-    Each response is compared with one or two less accurate simulations of the same motion, its
-    companions, at the same tolerance or a looser one. Their Taylor polynomials lack the last two
-    terms, or have these changed. Their input is perturbed by 256 units in the last place (8 in
-    float32), and so is the restitution of the second one. So the estimate covers the truncation
-    error of every step, errors of impact times, and rounding, all as impacts amplify them, also
-    where steps end at every sample of a record.
+    Each response is compared with one or two less accurate simulations of the same motion,
+    its companions, at the same tolerance or a looser one. The last two terms of their Taylor
+    polynomials are omitted or changed. The input of both companions, and the restitution of
+    the second one, are perturbed by 256 units in the last place (8 in float32). The estimate
+    therefore includes the truncation error of every step, errors of impact times, and
+    rounding errors, all amplified by impacts. This holds also where steps end at every sample
+    of a record.
 
-    The truncation error of each step of a companion is assumed to exceed that of the response:
-    by a factor of about seven where both take the same steps, of two or more where the second
-    companion takes shorter ones. Trajectories must not diverge: sums over all impacts while the
-    input acts, of squared velocities weighted by time, have to agree. A response that diverges
-    from its companions after its peak is not within tolerance, since a later peak may be higher.
+    The truncation error of each step of a companion is assumed to exceed the truncation error
+    of the response: by a factor of about seven where both take the same steps, and of two or
+    more where the second companion takes shorter steps. Trajectories must not diverge: the
+    sums of the squared impact velocities, weighted by time, must agree while the input acts.
+    A response that diverges from its companions after its peak is not within tolerance, since
+    a later peak may be higher.
 
-    Of 15 million random responses that were within tolerance, to records, harmonic motions and
-    pulses, none had another outcome or an error above the tolerance. The stated error, then with a
-    safety factor of two, was exceeded in 22.
+    In a test with 15 million random responses that were within tolerance, to records,
+    harmonic motions and pulses, none had another outcome or an error above the tolerance. 22
+    exceeded the stated error, whose safety factor was two at that time.
 
-    The estimate cannot see what all tolerances have in common: the model itself, and the rule by
-    which a block comes to rest. The tests compare it with an integrator of another kind.
+    The estimate excludes errors that all tolerances have in common: errors of the model, and
+    of the rule by which a block comes to rest. The tests of jaxrock compare responses with
+    those of another integrator.
 
     Examples
     --------
@@ -169,7 +173,9 @@ def respond_within(
     restitution, duration = check_batch(blocks, restitution, motion, duration)
     batch = Batch.of(blocks, restitution, motion, duration)
     check_concrete(batch, "tolerances follow from the answers")
-    return follow_within(batch, tolerance, as_model(model))
+    # A response has two companions at most, and few are simulated in a second round.
+    with count_work("motions and their errors", 3 * math.prod(batch.shape)):
+        return follow_within(batch, tolerance, as_model(model))
 
 
 def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> EstimatedResponse:

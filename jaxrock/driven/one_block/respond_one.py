@@ -45,7 +45,7 @@ def respond(
     model: ModelLike = Nonlinear(),
     max_impacts: int = 64,
 ) -> Response:
-    """Response of one block to a ground motion, through every impact.
+    """Compute the response of one block to a ground motion, through every impact.
 
     Parameters
     ----------
@@ -56,22 +56,22 @@ def respond(
     motion : Motion
         A pulse, a `Harmonic`, a `Record`, or `Still` for free rocking.
     duration : float, optional
-        How long to follow the block [s], greater than 0; by default to the end of the motion.
+        Simulated time [s], greater than 0; by default to the end of the motion.
     rotation, velocity : float, optional
         Initial rotation [rad] and angular velocity [rad/s]; at rest by default.
     rtol, atol : float, optional
-        Tolerances of each integration step, relative, and absolute in rad and rad/s. By
-        default 1e-8 (1e-5 in float32), and 1e-9 of the relative one: small bounces are
-        followed as exactly as large ones.
+        Relative tolerance of each integration step, by default 1e-8 (1e-5 in float32), and
+        absolute tolerance in rad and rad/s, by default 1e-9 times the relative one. So small
+        bounces are integrated as accurately as large ones.
     solver : str
-        Of diffrax: "Tsit5", "Dopri5" or "Dopri8". On records, where steps end at every sample,
-        "Dopri8" with a loose `rtol` is more exact.
+        Of diffrax: "Tsit5", "Dopri5" or "Dopri8". On records, where steps end at every
+        sample, "Dopri8" with a loose `rtol` is more accurate.
     model : Nonlinear or Linearized, or their names
-        Equation of motion. The linearized one is the equation of the literature, whose limit
-        for short pulses differs from Eq. 2 by cos(alpha_c).
+        Equation of motion. `Linearized` is the linearized equation of the literature. Its
+        limit for short pulses differs from Eq. 2 by a factor of cos(alpha_c).
     max_impacts : int
-        Under `jit`, `vmap` and derivatives, room for impacts in the lists of the response,
-        which `history` needs; 0 for no lists. Outside of them all impacts are listed.
+        Length of the lists of impacts under `jit`, `vmap` and derivatives; 0 for no lists.
+        `history` needs the lists. Outside of transformations all impacts are listed.
 
     Returns
     -------
@@ -85,26 +85,29 @@ def respond(
 
     Notes
     -----
-    Derivatives exist in both modes. A first one costs one forward derivative per perturbed
-    number, a second one as much again for each of these. The first call of a second derivative
-    takes two to three times as long as the first call of a first one.
+    Derivatives exist in both modes. A first derivative costs one forward derivative for each
+    perturbed parameter, a second derivative as much again for each of these. The first call
+    of a second derivative takes two to three times as long as the first call of a first
+    derivative.
 
-    Two event times may coincide: the start of the input, its end, a sample of a record, an
-    impact, and the duration. As one moves across the other, results may have a kink: another
-    slope on either side. The derivative is then one-sided:
+    Where two events coincide, results may have a kink: the start of the input, its end, a
+    sample of a record, an impact, and the end of the duration. The derivative is then
+    one-sided:
 
-    1. The duration and another time: the slope for a shorter duration. Under a pulse that
-       ends at 0.8 s and with ``duration=0.8``, the pulse acts until the end.
-    2. The end of the input and another time: the slope for a later end of the input.
-    3. The start of the input and time 0: the slope for a later start.
-    4. An impact and one of these times: the slope for one of the two orders, and the same
-       order for all results.
-    5. A peak rotation or an extreme force that is reached twice: the slope of the first one.
-       Each extreme has the slope of the moment at which it is reached.
+    1. If the end of the duration coincides with another event, it is the derivative for a
+       shorter duration. Under a pulse that ends at 0.8 s and with ``duration=0.8``, the pulse
+       acts until the end.
+    2. If the end of the input coincides with another event, it is the derivative for a later
+       end of the input.
+    3. If the input starts at time 0, it is the derivative for a later start.
+    4. If an impact coincides with one of these times, it is the derivative for one of the two
+       orders, the same order for all results.
+    5. If a peak rotation or an extreme force is reached twice, it is the derivative at the
+       first time. Each extreme is differentiated at the moment at which it is reached.
 
-    NaN stands for a value that does not exist, and diffrax keeps traced values. So a call
-    outside of transformations switches `jax.debug_nans` and `jax.checking_leaks` off while it
-    computes; around `jit` they have to be off.
+    Values that do not exist are NaN, and diffrax keeps traced values. So outside of
+    transformations `respond` switches `jax.debug_nans` and `jax.checking_leaks` off while it
+    computes. Around `jit` you must switch them off.
 
     Examples
     --------

@@ -45,31 +45,34 @@ class Response(Printed, eqx.Module):
     peak_rotation, peak_time : Array
         Largest abs(alpha) [rad], at most pi / 2, and the time of it [s].
     overturned : Array of bool
-        Whether the block falls: by reaching pi / 2, or by energy once the input has ended (or
-        the duration, if that is shorter, as if the input ended there).
+        Whether the block overturns: it reaches pi / 2, or has enough energy to do so once the
+        input has ended. A duration that is shorter than the input ends the input.
     overturning_time, margin : Array
-        Last time up to the duration at which it passed the critical angle outward [s], NaN if
-        it stands or never passed it; and `free_motion_margin` at the end of the input [-].
+        Last time at which the block passed the critical angle outward [s], NaN if it stands
+        or never passed that angle; and `free_motion_margin` at the end of the input [-].
     impacts : Array of int
         Number of impacts.
     impact_times, impact_velocities : Array, shape (impacts,)
-        Times [s], and the angular velocities just before [rad/s], signed as alpha is. Under a
-        transformation the shape is (`max_impacts`,), filled up with NaN.
+        Times of the impacts [s], and angular velocities just before them [rad/s], with the
+        sign convention of alpha. Under a transformation the shape is (`max_impacts`,), padded
+        with NaN.
     at_rest : Array of bool
         Whether the block rests on the ground at the end of the duration.
     friction_demand, normal_force : Array
-        Largest ratio of horizontal to normal force at the base, and smallest normal force over
-        weight [-], from the accelerations of the centre of mass until a block that overturns
-        reaches pi / 2; the impulses of impacts do not count. Where the normal force is 0 or
-        less, the block leaves the ground: the friction demand is inf, and the model no
-        longer applies. 0 and inf for a block that lies on its side from the beginning.
+        Largest ratio of horizontal to normal force at the base, and smallest normal force
+        over weight [-]. They follow from the accelerations of the centre of mass; for a block
+        that overturns, until it reaches pi / 2. Impulses at impacts do not count. If the
+        normal force falls to 0 or less, the block leaves the ground: the friction demand is
+        inf, and the model no longer applies. For a block that lies on its side from the
+        beginning they are 0 and inf.
     contact_loss_time : Array
-        Time at which the block leaves the ground [s], to 1e-4 of an integration step, without
-        derivative; NaN if it does not.
+        Time at which the block leaves the ground [s], accurate to 1e-4 of an integration step
+        and without derivative; NaN if the block stays on the ground.
     status : Array of int
         A `jaxrock.Status`; where it is STOPPED or INVALID, the results are NaN.
     events, scene, model
-        The state after every event, and the arguments: `history` integrates from these.
+        The state after every event, and the arguments, from which `history` computes the
+        motion.
     """
 
     final_rotation: Reals
@@ -92,7 +95,7 @@ class Response(Printed, eqx.Module):
     model: RockingModel
 
     def history(self, time: Numbers) -> tuple[Reals, Reals]:
-        """Rotation and angular velocity over time, to the accuracy of the integration.
+        """Compute rotation and angular velocity over time, to the accuracy of the integration.
 
         Parameters
         ----------

@@ -65,8 +65,8 @@ def example_suite(*, vertical: bool = False) -> Suite:
     which asks for the attribution "GeoNet programme and its sponsors EQC, GNS Science, LINZ".
     Station, source, processing and licence of each are in the head of its file and in
     ``index.csv`` of ``example_suite.zip`` in the folder ``data`` of the package. Some are
-    uncorrected: the ground of one, ``northridge_1994_la_116th_st north``, moves on at 0.64 of
-    its PGV at the end, though without this drift its PGV is only 7 % less.
+    uncorrected: in one, ``northridge_1994_la_116th_st north``, the ground still moves at 0.64
+    of its PGV at the end. Without this drift its PGV is 7 % less.
 
     Parameters
     ----------

@@ -27,15 +27,16 @@ def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) 
     """Return a record set of FEMA P695, Quantification of Building Seismic Performance Factors.
 
     The far-field set has 22 records of 14 earthquakes, magnitudes 6.5 to 7.6, at 7 to 26 km
-    from the fault. The near-field set has 28 records nearer to it, the first 14 with pulses in
-    their velocity. Each record is two horizontal components, of PEER's NGA database: in the
-    far-field set as recorded, in the near-field set normal and parallel to the fault. None has
-    a vertical component. They come with ``jaxrock[fema]``.
+    from the fault. The near-field set has 28 records nearer to it, the first 14 with pulses
+    in their velocity. Each record has two horizontal components, from PEER's NGA database: in
+    the far-field set as recorded, in the near-field set normal and parallel to the fault. No
+    record has a vertical component. They come with ``jaxrock[fema]``.
 
     Parameters
     ----------
     record_set : {"far-field", "near-field", "near-field-pulse", "near-field-no-pulse"}
-        44, 56, 28 and 28 components; the last two are the parts of the second.
+        These have 44, 56, 28 and 28 components; the last two sets are parts of the second
+        one.
     normalized : bool
         False for the accelerations as recorded. True for FEMA's normalized ones: both
         components of a record are multiplied by one factor, from 0.41 to 2.79. It is the median
@@ -46,8 +47,8 @@ def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) 
     Returns
     -------
     Suite
-        Accelerations [m/s2], 0.0024 to 0.02 s apart. Each record is named by FEMA's number of
-        it, the station and PEER's name of the component.
+        Accelerations [m/s2], 0.0024 to 0.02 s apart. The name of each has FEMA's number of
+        the record, the station and PEER's name of the component.
 
     Raises
     ------

@@ -16,11 +16,12 @@ from .components import Component, make_record
 def from_obspy(
     trace: Any, *, unit: str, vertical: Any = None, calibrated: bool | None = None
 ) -> Record:
-    """Take a ground motion from a trace of obspy, or of gmprocess.
+    """Make a record from a trace of obspy or of gmprocess.
 
-    Neither has to be installed: a trace is anything with ``data``, ``stats.delta`` and perhaps
-    ``stats.starttime`` and gmprocess's statement of the unit, ``stats.standard["units"]``.
-    Counts of an instrument are for obspy's ``remove_response`` first.
+    Neither has to be installed: a trace is anything with ``data``, ``stats.delta`` and
+    perhaps ``stats.starttime`` and gmprocess's statement of the unit,
+    ``stats.standard["units"]``. Instrument counts must be converted first, by obspy's
+    ``remove_response``.
 
     Parameters
     ----------
@@ -29,8 +30,9 @@ def from_obspy(
     unit : str
         Unit of the accelerations, as for `read_record`.
     calibrated : bool, optional
-        Whether the data have been multiplied by ``stats.calib`` already, or are to be: obspy
-        leaves the factor in place when it applies it. Needed where it is not 1.
+        Whether the data have already been multiplied by ``stats.calib``; if False, they are
+        multiplied here. Needed where this factor is not 1, since obspy does not reset it when
+        it applies it.
 
     Returns
     -------

@@ -29,24 +29,25 @@ def read_record(
 ) -> Record:
     """Read a recorded ground motion from a file.
 
-    An ``.AT2`` file, as the PEER databases have them, holds one component. A ``.csv`` or
-    ``.tsv`` file has columns below a line with their names, separated by commas, semicolons,
-    tabs, bars or blanks; titles and lines that begin with # may stand above the names, units
-    below them. A column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the
-    like. Steps must be equal within 0.1 %, or consistent with one step after rounding to the
-    printed digits. One column alone needs no name.
+    An ``.AT2`` file of the PEER databases holds one component. A ``.csv`` or ``.tsv`` file
+    has columns below a line with their names, separated by commas, semicolons, tabs, bars or
+    blanks; titles and lines that begin with # may stand above the names, units below them. A
+    column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the like. Steps
+    must be equal within 0.1 %, or consistent with one step after rounding to the printed
+    digits. A single column needs no name.
 
-    Files of networks are told by their first lines, whatever their names are: ESM and ITACA,
+    Files of networks are recognized by their first lines, not by their names: ESM and ITACA,
     COSMOS, CSMIP and RENADIC, GeoNet (V1A, V2A), SMC, K-NET and KiK-net, SCEC's Broadband
     Platform, numbers alone; and where obspy is installed (``pip install "jaxrock[records]"``)
-    miniSEED and SAC. What these state about number of samples, duration and peak has to be
-    true of the samples. Velocities and displacements in them are passed over.
+    miniSEED and SAC. The number of samples, the duration and the peak that such a file states
+    must agree with its samples. Velocities and displacements in it are ignored.
 
-    What a file states about its unit and its time step (in its header, in titles and comments
-    such as ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc [cm/s^2]``)
-    is used. It has to agree with itself and with `unit` and `time_step`, which are needed where
-    the file states nothing; a statement that is not understood is an error, and so is a column
-    of another quantity, such as ``LVDT1 [mm]`` or spectral accelerations.
+    The unit and the time step that a file states are used: in its header, in titles and
+    comments such as ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc
+    [cm/s^2]``. These statements must agree with each other and with `unit` and `time_step`,
+    which are needed where the file states nothing. A statement that is not understood is an
+    error, and so is a column of another quantity, such as ``LVDT1 [mm]`` or spectral
+    accelerations.
 
     Parameters
     ----------
@@ -61,9 +62,9 @@ def read_record(
         Needed unless it is the only one. ``"up"`` or ``"down"`` takes a vertical component as
         if it were horizontal, for example to turn its sign.
     vertical : str or path, optional
-        Vertical acceleration, positive upward: a column of the .csv file, a channel of another
-        file or ``"up"`` for the one that points there, or a second file. One that its name or
-        its header says to be horizontal, or to point downward, is refused.
+        Vertical acceleration, positive upward: a column of the .csv file, a channel of
+        another file or ``"up"`` for the one that points there, or a second file. A component
+        that is horizontal or points downward by its name or its header is refused.
     time_step : float, optional
         Time from one sample to the next [s].
 
@@ -77,7 +78,8 @@ def read_record(
     ValueError
         With file and line: if the file cannot be read, is of another format or contradicts
         itself or the arguments, if anything is missing or not a finite number, if the time
-        step is not uniform, if the last number is cut, or if there are less than two samples.
+        step is not uniform, if the last number is truncated, or if there are less than two
+        samples.
 
     Examples
     --------

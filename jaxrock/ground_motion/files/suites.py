@@ -45,25 +45,25 @@ def read_suite(
 ) -> Suite:
     """Read the records of a folder, or of several files, as one suite.
 
-    Every horizontal component is a record of its own: one column or two of a ``.csv`` file,
-    each channel of a file that has several, and each file of one component. Vertical
-    components are told by the header of a file, and by names: of columns and files that end
-    in up, ud, dwn, ver, v, z or the like. Where some columns of a table state a unit of
-    acceleration, or are named so, the others are left out.
+    Every horizontal component becomes a record: one or two columns of a ``.csv`` file, each
+    horizontal channel of a file with several channels, and each file with one component.
+    Vertical components are recognized by the header of a file, and by names of columns and
+    files that end in up, ud, dwn, ver, v, z or the like. If some columns of a table state a
+    unit of acceleration, or are named accelerations, the other columns are left out.
 
-    Of a folder, files whose names end as those of a format do are read in the order of their
-    names. Left out are folders within it, hidden files, pipes and devices, README
-    files, a table ``index.csv``, the report of a search that PEER puts beside records, and
-    velocities, displacements and spectra, told by names such as ``....VEL.MP.ASC`` of ESM.
-    Files of KiK-net's sensors in a borehole (``.EW1``, ``.NS1``, ``.UD1``) are left out with a
-    warning where files of the station at the surface are there.
+    In a folder, files with the ending of a known format are read in the order of their names.
+    These are left out: folders within it, hidden files, pipes and devices, README files, a
+    table ``index.csv``, the report of a search that PEER puts beside records, and velocities,
+    displacements and spectra, which are recognized by names such as ``....VEL.MP.ASC`` of
+    ESM. Files of KiK-net's sensors in a borehole (``.EW1``, ``.NS1``, ``.UD1``) are left out
+    with a warning if the folder has files of the station at the surface.
 
     Parameters
     ----------
     source : str or path, or several of them
         A folder, or files; see `read_record` for their formats.
     unit, time_step : optional
-        As in `read_record`, where the files do not state them: the same for all.
+        As in `read_record`, the same for all files; needed where the files do not state them.
     vertical : bool
         Whether each record has the vertical component that was recorded with it. It is in
         the same file, or in another one of the folder whose name differs only in the part
