@@ -1,4 +1,4 @@
-"""What is said of a wrong call: in options as they are typed, and with what to type instead."""
+"""Errors of wrong calls: they name options as typed, and say what to type instead."""
 
 import contextlib
 import difflib
@@ -169,7 +169,7 @@ def _describe_option(command: str, word: str, arguments: Iterable[Argument]) -> 
 
 
 def _find_near(word: str, names: Sequence[str]) -> str | None:
-    """Find the name that was likely meant: one that begins like the word, or is much like it."""
+    """Find the name that was likely meant: it begins like the word, or resembles it."""
     begin = [name for name in names if name.startswith(word)]
     if len(begin) == 1 or (begin and len(word) == 1):
         return begin[0]
