@@ -31,11 +31,11 @@ from .validation import (
     as_field,
     as_flag,
     as_real,
-    by_name,
     check,
     elementwise,
     is_traced,
     quantity,
+    require_names,
 )
 
 # The descriptions of the size of a block: 2b and 2a, b and lambda, or alpha_c and p.
@@ -137,7 +137,7 @@ class Block(Printed, Checked):
         return ", ".join(parts)
 
     @classmethod
-    @by_name
+    @require_names
     def from_size(
         cls,
         *,

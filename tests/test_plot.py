@@ -5,6 +5,7 @@ import re
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -749,7 +750,9 @@ def test_outcomes():
 
 
 @pytest.mark.parametrize("name", jr.plot.__all__)
-def test_every_picture_says_what_it_is_drawn_of(name):
+def test_every_picture_says_what_it_is_drawn_of(name, monkeypatch):
+    # Without the types that the tests check, which would answer before the package does.
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     draw = getattr(jr.plot, name)
     parameters = inspect.signature(draw).parameters.values()
     # The parameters without a default: what is drawn, and perhaps more.

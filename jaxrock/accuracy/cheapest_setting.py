@@ -22,6 +22,7 @@ from ..validation import (
     check,
     check_concrete,
     check_kind,
+    describe,
     is_traced,
 )
 from .model_errors import Answers, ModelError, model_error
@@ -220,7 +221,7 @@ def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     motion = scene.motion
     if not isinstance(motion, Pulse | Harmonic | Record):
         raise ValueError(
-            f"motion must be a pulse, a Harmonic or a Record, got a {type(motion).__name__}"
+            f"motion must be a pulse, a Harmonic or a Record, got {describe(motion)}"
         )
     within = respond_within(scene.block, scene.restitution, motion, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)

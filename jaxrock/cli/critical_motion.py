@@ -82,8 +82,8 @@ def plan_search(
             )
         if getattr(options, name) is not None:
             raise ValueError(
-                f"{write_option(name)} is sought, got {getattr(options, name):g}: leave it out, or"
-                " seek another quantity with --along"
+                f"{write_option(name)} is sought, got {getattr(options, name):g}: leave it"
+                " out, or seek another quantity with --along"
             )
         if along == "amplitude":
             refuse("--amplitude and --along", scale=options.scale)

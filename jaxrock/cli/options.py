@@ -284,8 +284,8 @@ def warn_of_intensity(intensity: float) -> None:
     """Warn of an intensity of pulses that was perhaps given in centimetres per second."""
     if intensity > _LARGEST_INTENSITY:
         warnings.warn(
-            f"--intensity is in m/s, and {intensity:.4g} m/s is far more than the ground moves in"
-            f" an earthquake; type {intensity / 100:.4g} if {intensity:.4g} cm/s are meant",
+            f"--intensity is in m/s, and {intensity:.4g} m/s is far more than the ground moves"
+            f" in an earthquake; type {intensity / 100:.4g} if {intensity:.4g} cm/s are meant",
             stacklevel=3,
         )
 
@@ -320,8 +320,8 @@ class StoreOptions:
             return False
         if out is not None or force:
             raise ValueError(
-                "--out and --force exclude --store, which is continued and not overwritten, got"
-                f" --store {self.store}"
+                "--out and --force exclude --store, which is continued and not overwritten,"
+                f" got --store {self.store}"
             )
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"workers must be at least 1, got {self.workers}")

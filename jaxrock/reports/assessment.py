@@ -14,7 +14,7 @@ from ..block import RECTANGLE_INERTIA_RATIO, SIZES_IN_WORDS, Block, size_of
 from ..host import map_in_threads
 from ..impact import count_half_cycles, housner_restitution, one_sided_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
-from ..validation import Number, check_kind
+from ..validation import Number, check_concrete, check_kind
 
 _HALF_CYCLES = {"1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0, "unlimited": math.inf}
 # Numbers and texts by their names, and more of these.
@@ -127,6 +127,7 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     1.111 s
     """
     check_kind("scene", scene, Scene)
+    check_concrete(scene, "an assessment is a text of numbers")
     _require_single("scene", scene)
     result = _run_programs(scene, _describe_scene, _compute_answers)
     if tolerance is not None:

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from ..block import Block
 from ..host import Printed, Status, format_fields
 from ..impact import read_restitution, side_after_impact, velocity_after_impact
-from ..numerics import pick_larger
+from ..numerics import pick_larger, refuse_reverse_mode
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -207,7 +207,10 @@ def respond_to_train(
     if not is_traced(t) and (np.diff(np.asarray(t)) < 0).any():
         raise ValueError("times must not decrease")
     block, c, t, pulses = unify_precision((block, c, t, pulses))
-    return follow_timed_train(Rocker(block, c, as_model(model)), t, pulses)
+    response = follow_timed_train(Rocker(block, c, as_model(model)), t, pulses)
+    if is_traced(response):
+        return refuse_reverse_mode("respond_to_train", response)
+    return response
 
 
 @eqx.filter_jit
