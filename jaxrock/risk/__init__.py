@@ -1,7 +1,7 @@
 """Risk at a site: fragility curves, rates of overturning, and sizes that meet a target rate."""
 
+from .exceedance import name_thresholds as name_thresholds
 from .fragility_curves import fragility
-from .fragility_curves import name_thresholds as name_thresholds
 from .hazard import Hazard
 from .hazard_files import read_hazard
 from .inventory import Inventory
