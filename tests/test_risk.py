@@ -366,6 +366,33 @@ def test_fragility_of_pulses_is_a_staircase(eps):
     np.testing.assert_allclose(curves.factor, suite.factors(levels, "pgv"), rtol=4 * eps)
 
 
+def test_medians_of_located_boundaries():
+    """As bisected with `respond`; uplift exact; an inventory has the same."""
+    suite = pulses(50)[:2]
+    levels = np.geomspace(2.0, 60.0, 12)
+    options = {"measure": "pga", "thresholds": ["uplift", "overturning"]}
+    curves = jr.fragility(BLOCK, RESTITUTION, suite, levels, **options)
+    assert float(curves.lognormal_median[0]) == pytest.approx(9.81 / 4, rel=1e-12)
+    assert float(curves.lognormal_dispersion[0]) == 0
+    boundaries = []
+    for record, peak in zip(suite, np.asarray(suite.measure("pga")), strict=True):
+        low, high = 9.81 / 4, 60.0
+        while high / low > 1 + 1e-4:
+            middle = (low * high) ** 0.5
+            scaled = record.scaled(middle / peak)
+            overturned = jr.respond(BLOCK, RESTITUTION, scaled, 8.0).overturned
+            low, high = (low, middle) if overturned else (middle, high)
+        boundaries.append(np.log(low * high) / 2)
+    assert np.log(curves.lognormal_median[1]) == pytest.approx(np.mean(boundaries), abs=2e-3)
+    assert float(curves.lognormal_dispersion[1]) == pytest.approx(np.std(boundaries), abs=2e-3)
+    site = jr.Site(suite, jr.Hazard([2.0, 60.0], [1e-2, 1e-5]), "pga", levels)
+    block = jr.Block(*(np.array([number]) for number in SHAPE[:2]))
+    inventory = jr.risk.Inventory(["vase"], block, RESTITUTION)
+    assessed = jr.risk.assess_inventory(inventory, site, 1e-3)
+    medians = [float(assessed.uplift_intensity[0]), float(assessed["median"][0])]
+    np.testing.assert_allclose(medians, curves.lognormal_median, rtol=2e-3)
+
+
 def test_a_remark_says_where_exceedance_decreases():
     """Between 1.20 and 1.26 m/s this pulse of a full sine does not overturn the block."""
     pulse = jr.Record(np.sin(np.linspace(0, 2 * np.pi, 101)), 0.005)

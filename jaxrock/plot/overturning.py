@@ -192,10 +192,10 @@ def plot_critical_intensity(
         ax.plot(count, intensities, label=model.name, **look)
     limit = float(critical_intensity(block, restitution, np.inf, "nonlinear"))
     line = {"color": INK, "linestyle": ":", "linewidth": 1.2}
-    ax.axhline(limit, **line, label=f"pulses without end, nonlinear: {limit:.4g} m/s")
+    ax.axhline(limit, **line, label=f"pulses without end: {limit:.4g} m/s")
     if intensity is not None:
         line = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1.2}
-        ax.axhline(intensity, **line, label=f"intensity that is given: {intensity:.4g} m/s")
+        ax.axhline(intensity, **line, label=f"given: {intensity:.4g} m/s")
     ax.set_ylim(bottom=0)
     ax.set_xticks([1, 5, 10, 15, 20])
     size = f"{float(block.width):.3g} m wide, {float(block.height):.3g} m high"

@@ -1,6 +1,6 @@
 """Probabilities of exceedance, counted from responses, and curves fitted to them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from ..grids import DataType
 from ..host import add_names
 from ..numerics import bound_probabilities
+from ..validation import POSITIVE, as_real, as_text, check
 from .lognormal import BoundarySums, LognormalFit, fit_lognormal
 
 if TYPE_CHECKING:
@@ -17,6 +18,29 @@ Threshold = float | int | str
 # Rotation ratios beyond which a response exceeds a threshold that has a name. Whatever
 # overturns exceeds all of them.
 NAMED_THRESHOLDS: dict[Threshold, float] = {"uplift": 0.0, "overturning": np.inf}
+
+
+def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
+    """Name the thresholds; a `ValueError` if they are not allowed."""
+    if isinstance(thresholds, str) or not isinstance(thresholds, Iterable):
+        raise ValueError(f"thresholds must be a list of them, got {thresholds!r:.60}")
+    names = [_name_threshold(threshold) for threshold in thresholds]
+    if not names or len(set(names)) < len(names):
+        listed = ", ".join(names) or "none"
+        raise ValueError(f"thresholds must be at least one, each only once, got {listed}")
+    return names
+
+
+def _name_threshold(threshold: Threshold) -> str:
+    """Name a threshold; a `ValueError` if it is none."""
+    threshold = as_text(threshold)
+    if isinstance(threshold, str):
+        if threshold not in NAMED_THRESHOLDS:
+            allowed = f"rotation ratios, {' or '.join(map(repr, NAMED_THRESHOLDS))}"
+            raise ValueError(f"thresholds must be {allowed}, got {threshold!r}")
+        return threshold
+    check("thresholds", as_real("thresholds", threshold), POSITIVE)
+    return f"{float(threshold):g}"
 
 
 def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Fragility: probabilities of exceeding thresholds under a suite, over the intensity."""
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -29,7 +29,6 @@ from ..validation import (
     Numbers,
     as_name,
     as_real,
-    as_text,
     check,
     check_increasing,
     check_kind,
@@ -40,6 +39,7 @@ from .exceedance import (
     Threshold,
     add_curves,
     describe_variable,
+    name_thresholds,
 )
 from .floor_samples import vary_motions
 from .lognormal import sum_powers
@@ -127,8 +127,11 @@ def fragility(
           where the suite has both.
         - Over threshold: ``lognormal_median``, ``lognormal_dispersion``, and a ``remark``,
           which says where the curve does not fit: overturning is not monotone in the level.
+          The curve is fitted to the levels at which each record begins or ceases to exceed
+          the threshold. That of uplift is exact; others are located between two levels.
         - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
-        - Over record and level: every response, and the factor on the record.
+        - Over record and level: every response, and the factor on the record. Over record and
+          threshold: ``boundary_sums``, what the curve is fitted to.
 
         With `uncertain` the responses have the dimension ``sample`` as well, and the
         probabilities are averaged over samples and records. The intervals treat the records as
@@ -393,26 +396,3 @@ def _exceed(ratio: np.ndarray, response: BatchResponse, limits: list[float]) -> 
     """Return which thresholds responses exceed, along a last axis."""
     overturned = np.asarray(response.overturned, bool)
     return (np.asarray(ratio)[..., None] > np.array(limits)) | overturned[..., None]
-
-
-def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
-    """Name the thresholds; a `ValueError` if they are not allowed."""
-    if isinstance(thresholds, str) or not isinstance(thresholds, Iterable):
-        raise ValueError(f"thresholds must be a list of them, got {thresholds!r:.60}")
-    names = [_name_threshold(threshold) for threshold in thresholds]
-    if not names or len(set(names)) < len(names):
-        listed = ", ".join(names) or "none"
-        raise ValueError(f"thresholds must be at least one, each only once, got {listed}")
-    return names
-
-
-def _name_threshold(threshold: Threshold) -> str:
-    """Name a threshold; a `ValueError` if it is none."""
-    threshold = as_text(threshold)
-    if isinstance(threshold, str):
-        if threshold not in NAMED_THRESHOLDS:
-            allowed = f"rotation ratios, {' or '.join(map(repr, NAMED_THRESHOLDS))}"
-            raise ValueError(f"thresholds must be {allowed}, got {threshold!r}")
-        return threshold
-    check("thresholds", as_real("thresholds", threshold), POSITIVE)
-    return f"{float(threshold):g}"
