@@ -346,7 +346,10 @@ def test_respond(tmp_path, capsys):
     assert answer["uplift_factor"] == pytest.approx(9.81 / 5 / 3, rel=1e-9)
     weak = "respond --pulse sine --amplitude 1 --scale 0.5 --pulse-duration 0.5 --duration 1"
     main([*weak.split(), "--out", str(tmp_path / "weak")])
-    said = "never lifted; it would be from factor 3.924 on the motion on (scale 1.962)"
+    said = (
+        "never lifted; the block would lift once the motion is multiplied by 3.924 or more"
+        " (scale 1.962)"
+    )
     assert said in capsys.readouterr().out.splitlines()
     assert_follows_cf(out / "response.nc")
     names = {"response.csv", "impacts.csv", "response.nc", "response.png", "response.gif"}

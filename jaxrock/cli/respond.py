@@ -164,6 +164,6 @@ def _describe_uplift(response: driven.Response, factor: float, scale: float | No
         return "never lifted, with any factor on the motion"
     # A motion that lifts the block after the duration does lift it.
     lifted = bool(response.peak_rotation > 0) or factor < 1
-    begins = "lifted" if lifted else "never lifted; it would be"
+    begins = "the block lifts" if lifted else "never lifted; the block would lift"
     scaled = "" if scale in (None, 1.0) else f" (scale {factor * scale:.4g})"
-    return f"{begins} from factor {factor:.4g} on the motion on{scaled}"
+    return f"{begins} once the motion is multiplied by {factor:.4g} or more{scaled}"
