@@ -16,11 +16,11 @@ def assess(
 ) -> Answer:
     """Assess one block under pulses timed to its impacts.
 
-    Geometry, the response to one pulse, the stabilized phase or the half-cycle in which the
-    block overturns, critical pulse intensities and sensitivities, by the linearized and the
-    nonlinear equation side by side. With a height, sensitivities are to the width at this
-    height and the height at this width; else to the half-width at this slenderness and to the
-    slenderness.
+    Prints geometry, the response to one pulse, the stabilized phase or the half-cycle in
+    which the block overturns, critical pulse intensities and sensitivities, by the linearized
+    and the nonlinear equation side by side. With a height, sensitivities are with respect to
+    the width at this height and the height at this width. Else they are with respect to the
+    half-width at this slenderness and the slenderness.
 
     Example: jaxrock assess --width 0.8 --height 4 --restitution 0.7
 
@@ -29,7 +29,7 @@ def assess(
     intensity
         Change of ground velocity in each pulse [m/s].
     tolerance
-        Name the equation and the precision that are good enough for this relative error.
+        Relative error [-]: name the cheapest equation and precision within it.
     """
     block = block_options.block
     c = block_options.coefficient
