@@ -44,7 +44,7 @@ def write_inventory_page(dataset: "xarray.Dataset", picture: bytes) -> str:
     Returns
     -------
     str
-        Of about a dozen objects it prints on one sheet of A4.
+        The page. With about a dozen objects it fits on one sheet of A4.
     """
     target = dataset.attrs["target"]
     above = int((dataset.rate > target).sum())
