@@ -26,8 +26,8 @@ _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw fragility curves: probabilities of exceedance over the level, with intervals.
 
-    Marks are counted probabilities, a band joins the limits of their Clopper-Pearson
-    intervals, a line is the maximum-likelihood lognormal curve.
+    Marks are counted probabilities. A band joins the limits of their Clopper-Pearson
+    intervals. A line is the maximum-likelihood lognormal curve.
 
     Parameters
     ----------
