@@ -317,7 +317,7 @@ def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMot
         )
 
     def is_landing(carry: tuple[FreeMotion, Reals]) -> Booleans:
-        """Tell whether the block lands before the interval ends."""
+        """Return whether the block lands before the interval ends."""
         motion, left = carry
         goes_on = (
             (motion.x > least_velocity) & (motion.impacts < _MAX_IMPACTS) & ~motion.overturned

@@ -37,7 +37,7 @@ def quantiles(z: AnyArray, median: AnyArray, width: AnyArray, bounded: AnyArray)
 def find_widths(
     names: Collection[str], median: np.ndarray, variation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find widths of distributions from coefficients of variation; tell which are bounded.
+    """Find widths of distributions from coefficients of variation, and which are bounded.
 
     Parameters between 0 and 1 are logit-normal, and thus bounded. Others are lognormal where
     the median is positive, else normal. The width is the standard deviation of the logit, of

@@ -182,7 +182,7 @@ def rocking_spectrum(
 
 
 def _is_several(motion: Motion) -> bool:
-    """Tell whether a motion stands for an array of motions."""
+    """Return whether a motion stands for an array of motions."""
     # Samples of a record have an axis of their own, along time; anything else with an axis
     # makes several motions.
     names = ("acceleration", "vertical")
