@@ -138,12 +138,12 @@ def one_sided_restitution(block: Block) -> Reals:
 
     As the block comes back, it meets the ground with the back edge of its base, then the wall
     with its top, then the ground with the front edge. Each of these impacts conserves the
-    angular momentum about the point of contact; between the last two the block is taken to
-    turn about the back edge again (Sorrentino, AlShawa and Decanini 2011,
+    angular momentum about the point of contact; between the last two the block is assumed to
+    rotate about the back edge again (Sorrentino, AlShawa and Decanini 2011,
     doi:10.1007/s10518-011-9291-1, for a rectangle). The velocity is reversed, so that the
-    coefficient is negative. Tests of walls gave a magnitude some 5 % smaller. It is positive
-    for a stocky block, a rectangle below a slenderness of 1.414, which the wall does not throw
-    back.
+    coefficient is negative. Tests of walls gave a magnitude some 5 % smaller. The coefficient
+    is positive for a stocky block, a rectangle below a slenderness of 1.414, which the wall
+    does not throw back.
 
     Parameters
     ----------

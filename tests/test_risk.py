@@ -272,7 +272,7 @@ def test_an_incomplete_rate_names_the_record():
     answer = rate_of_pulses(SHAPE, RESTITUTION, site_of_pulses(400, levels=levels))
     assert not answer.complete
     assert str(answer).endswith(
-        "incomplete: record '1' overturns it at the lowest level, so that the rate may be more"
+        "incomplete: record '1' overturns it at the lowest level, so that the rate may be higher"
     )
     assert float(answer.contributions[0]) == pytest.approx(hazard(levels[0]), rel=1e-12)
     verges = np.array([float(verge("pgv", duration, *SHAPE)) for duration in DURATIONS[1:]])

@@ -49,10 +49,11 @@ def critical(
 ) -> Answer:
     """Find the limits at which a block overturns, under timed pulses, a longer one or a record.
 
-    Without a pulse or a record: critical intensities in closed form, by both equations, and
-    the sizes and the restitution with which the given intensity just overturns. With one: what
-    lifts the block, and every boundary between standing and overturning along a quantity.
-    Writes critical.csv and critical.png if given a folder.
+    Without a pulse or a record, it computes critical intensities in closed form, by both
+    equations, and the sizes and the restitution with which the given intensity just overturns
+    the block. With a pulse or a record, it finds what lifts the block, and every boundary
+    between standing and overturning along a quantity. Writes critical.csv and critical.png if
+    given a folder.
 
     Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
 
@@ -64,8 +65,8 @@ def critical(
         Numbers of half-cycles in which instantaneous pulses are to overturn the block. 1, 2, 5
         and inf if not given.
     along
-        Quantity to seek instead of giving it; by default a pulse's amplitude, a record's
-        factor.
+        Quantity whose boundaries are sought. By default the amplitude of a pulse, or the
+        factor on a record.
     values
         Values to examine. If not given, factors of 1 to 50 times uplift, or amplitudes of 1 to
         10 times uplift, and of 10 to 100 if there is no boundary among these.

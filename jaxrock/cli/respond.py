@@ -43,8 +43,8 @@ def respond(
     """Simulate the response of one block to a pulse or a record, through every impact.
 
     Writes response.csv and response.nc (rotation over time), impacts.csv and response.png
-    (ground and rotation while the block moves, and phase portrait), and says from which factor
-    on the motion lifts the block.
+    (ground and rotation while the block moves, and phase portrait). Prints the smallest
+    factor on the motion that lifts the block.
 
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
 

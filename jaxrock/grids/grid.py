@@ -103,7 +103,7 @@ class Grid:
             return self.write_netcdf(store)
         if store is not None:
             raise ValueError(
-                "store goes without chunks: a NetCDF file is not written in chunks;"
+                "store and chunks exclude each other: a NetCDF file is not written in chunks;"
                 " write_zarr writes a lazy dataset"
             )
         lazy = import_optional(f"{__package__}.lazy", "cluster")

@@ -49,7 +49,7 @@ def plot_boundaries(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
     uplift : float, optional
-        Value of the quantity from which on the block is lifted, which is marked.
+        Value of the quantity from which on the block is lifted. It is marked.
 
     Returns
     -------
@@ -156,7 +156,7 @@ def plot_critical_intensity(
 ) -> Axes:
     """Draw the intensity of timed pulses that just overturn a block, over their number.
 
-    By both models, with the limit for pulses without end.
+    Both models are drawn, with the limit for an endless sequence of pulses.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ _HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 
 
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
-    """Draw what each parameter can do to an answer within its range.
+    """Draw how far each parameter moves an answer within its range.
 
     An end at which there is no answer says that the block overturns there. Where it overturns
     with all parameters unchanged, the line stands beyond the highest answer. Where it overturns
@@ -165,19 +165,20 @@ def plot_sensitivity_map(
 ) -> Axes:
     """Draw a derivative or an elasticity over two parameters, its sign by colour.
 
-    Where both signs occur, white and the thick line are zero, and contours below it are
-    dashed. Values of one sign go from pale to dark, by their logarithms where they differ
-    much, so that all colours are used. Hatched where there is no value, as beyond the
-    overturning threshold: on a fine grid that ends in a smooth line.
+    If both signs occur, white and the thick line are zero, and contours of negative values
+    are dashed. Values of one sign go from pale to dark, on a logarithmic scale if they differ
+    much, so that all colours are used. Points without a value, as beyond the overturning
+    threshold, are hatched; on a fine grid the hatching ends in a smooth line.
 
     Parameters
     ----------
     sensitivities : xarray.DataArray
         With two dimensions, the second one the horizontal axis.
     limit : float, optional
-        End of the colours on both sides of 0, so that several maps share them. By default at
-        least the largest 5 % of values are beyond, and of one sign the smallest 2 % as well:
-        the steepest, at the overturning threshold, would hide all others.
+        End of the colour scale on both sides of 0, so that several maps share it. By default
+        at least the largest 5 % of the values lie beyond it, and for values of one sign the
+        smallest 2 % as well: the extreme values at the overturning threshold would hide all
+        others.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 

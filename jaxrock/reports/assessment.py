@@ -106,9 +106,10 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     Returns
     -------
     dict
-        Nested, of numbers, NaN where a quantity does not exist: ``scene``, the same for
-        the models, ``models`` with the answers of each, ``linearization_error``, the ratio of
-        `Linearized` to `Nonlinear` less 1, and with a tolerance ``choice``, also of text.
+        Nested, with numbers, NaN where a quantity does not exist: ``scene``, which both
+        models share; ``models``, the answers of each; ``linearization_error``, the ratio of
+        `Linearized` to `Nonlinear` minus 1; and with a tolerance ``choice``, which has text
+        as well.
 
     Raises
     ------

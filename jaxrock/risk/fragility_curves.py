@@ -92,8 +92,8 @@ def fragility(
         C [-], between 0 and 1; for all blocks, or an array with a value for each.
     suite : Suite
     levels : array_like, shape (n,), optional
-        Increasing levels to which each record is scaled [unit of the measure]; by default 25,
-        from far below what lifts blocks of this size to far above what overturns them.
+        Increasing levels to which each record is scaled [unit of the measure]; by default 25
+        levels, from far below uplift of blocks of this size to far above overturning.
     measure : str
         ``"pgv"``, ``"pga"``, ``"pgv_ratio"`` or ``"pga_ratio"``; see `intensity_measure`.
     thresholds : sequence of float or str
@@ -106,7 +106,7 @@ def fragility(
     tolerance : float
         Relative error of peak rotations; see `respond_within`.
     confidence : float
-        Of the intervals, between 0 and 1.
+        Confidence level of the intervals, between 0 and 1.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     chunks : mapping of str to int or "auto", optional

@@ -54,18 +54,18 @@ def assess_inventory(
     reported_levels: Numbers | None = None,
     model: ModelLike = Nonlinear(),
 ) -> "xarray.Dataset":
-    """Rank objects by the rate at which they overturn, and say what each would need.
+    """Rank objects by the rate at which they overturn, and find the width that each would need.
 
     Parameters
     ----------
     inventory : Inventory
     site : Site
-        Levels 4 % apart, ``spacing=0.04``, do for a ranking.
+        Levels 4 % apart, ``spacing=0.04``, suffice for a ranking.
     target : float
         The rate that is tolerated, greater than 0 [1/yr].
     reported_levels : array_like, shape (n,), optional
-        Increasing levels of the measure for which probabilities are given; by default those
-        with the return periods of 475 and 2,475 years, where the hazard has them.
+        Increasing levels of the measure for which probabilities are given. By default the
+        levels with return periods of 475 and 2,475 years, where the hazard has them.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -109,11 +109,11 @@ def assess_inventory(
 
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
     rate with its errors, the probabilities and the curve. The required width and the
-    elasticities are computed with the medians, and so is the rate with the low end of a
-    restitution that is assumed, 0.85 times the one that follows from size. No change of a
-    restitution goes further than halfway to 1. Widths are examined from half the present one
-    to the larger of twice the present one and 1.5 times the height, and the restitution stays
-    what it is. The answers for an object do not depend on the others.
+    elasticities are computed with the medians, and so is the rate with the low end of an
+    assumed restitution, 0.85 times the one that follows from size. A change of a restitution
+    ends at the latest halfway between its value and 1. Widths are examined from half the
+    present width to the larger of twice the present width and 1.5 times the height, at
+    constant restitution. The answers for an object do not depend on the others.
 
     Examples
     --------

@@ -255,7 +255,8 @@ def derivative_based_measures(
     function = make_parametric(answer, at, "ranges", ranges)
     low, high = np.asarray(list(ranges.values()), float).reshape(-1, 2).T
     if not (high > low).all():
-        raise ValueError("ranges must go from a low value to a higher one")
+        name, ends = next(item for item in ranges.items() if not item[1][1] > item[1][0])
+        raise ValueError(f"ranges of {name} must be a low and a higher value, got {ends}")
     check("samples", samples, COUNT)
     points = low + np.random.default_rng(seed).random((samples, low.size)) * (high - low)
     values, gradients = function.evaluate(points, 1)
