@@ -207,7 +207,7 @@ def _compute_curve(
         above = max(records - below - float(powers[0]), 0.0)
         return fit_lognormal(BoundarySums(below, above, powers), ends)
 
-    curve = fit(mean[0], sums.mean(axis=0))
+    curve = fit(float(mean[0]), sums.mean(axis=0))
     fitted = curve.at(levels)
     remarks = [curve.remark] if curve.remark else []
     if not is_uplift and not ends[0] <= curve.median <= ends[1] and curve.median > 0:
@@ -221,7 +221,11 @@ def _compute_curve(
     if falls:
         places = f"{falls} level{'s' * (falls > 1)}"
         remarks.append(f"at {places} fewer records exceed it than at the one below")
-    curves = [curve] if len(counts) == 1 else [*map(fit, counts[:, 0], sums)]
+    curves = (
+        [curve]
+        if len(counts) == 1
+        else [fit(float(c), p) for c, p in zip(counts[:, 0], sums, strict=True)]
+    )
     return _FragilityCurve(
         mean / records,
         low,
