@@ -62,9 +62,8 @@ class Suite(Printed, eqx.Module):
     Raises
     ------
     ValueError
-        If there is no record, if a record is an array of records, if scales differ in shape,
-        if names are not words that differ, one for each record, or if the ground does not
-        match in records, names, scales or directions.
+        If there is no record, a record is an array of records, scales differ in shape, names
+        are not different words, or the ground differs in records, names, scales or directions.
 
     Examples
     --------
@@ -114,10 +113,8 @@ class Suite(Printed, eqx.Module):
                     f" directions as this suite, got {ground}"
                 )
             if ground.names != self.names:
-                raise ValueError(
-                    f"ground must have the names of the records, got {ground.names} and"
-                    f" {self.names}"
-                )
+                names = f"{ground.names} and {self.names}"
+                raise ValueError(f"ground must have the names of the records, got {names}")
         if floor is not None:
             check_kind("floor", floor, Floor)
             if ground is None or floor.shape:
@@ -181,8 +178,7 @@ class Suite(Printed, eqx.Module):
     def measure(self, measure: str, block: Block | None = None) -> Reals:
         """Measure the intensity of each record, as it is scaled now.
 
-        For a suite on a floor it is the intensity of the ground, to which hazard curves
-        refer.
+        For a suite on a floor it is the intensity of the ground, as in hazard curves.
 
         Parameters
         ----------
