@@ -31,11 +31,11 @@ from .validation import (
     as_field,
     as_flag,
     as_real,
-    by_name,
     check,
     elementwise,
     is_traced,
     quantity,
+    require_names,
 )
 
 # The descriptions of the size of a block: 2b and 2a, b and lambda, or alpha_c and p.
@@ -137,7 +137,7 @@ class Block(Printed, Checked):
         return ", ".join(parts)
 
     @classmethod
-    @by_name
+    @require_names
     def from_size(
         cls,
         *,
@@ -440,7 +440,7 @@ def diagonal_ratio(block: Block) -> Reals:
 
 
 def is_rectangle(block: Block) -> bool:
-    """Tell whether the inertia ratio is known to belong to a homogeneous rectangle."""
+    """Return whether the inertia ratio is known to belong to a homogeneous rectangle."""
     ratio = block.inertia_ratio
     # Some transformations put other objects in the place of arrays.
     if is_traced(ratio) or not isinstance(ratio, jax.Array | np.ndarray):

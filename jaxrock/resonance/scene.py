@@ -50,15 +50,16 @@ class Scene(Printed, Checked):
     intensity: Reals = quantity(NON_NEGATIVE, "m/s")
 
     def __new__(cls, *numbers: object, **named: object) -> "Scene":
-        """Warn of a restitution and an intensity that are likely exchanged, by their places."""
+        """Warn of a restitution and an intensity that are likely exchanged."""
         if len(numbers) == 3:
             restitution, intensity = numbers[1:]
             numeric = isinstance(restitution, float) and isinstance(intensity, float)
             # Restitutions are hardly below 0.3, nor intensities at once in their usual range.
             if numeric and 0 < restitution < 0.3 and 0.5 < intensity <= 1:
                 warnings.warn(
-                    f"restitution is {restitution:g} and intensity {intensity:g} m/s: "
-                    "Scene(block, restitution, intensity) takes them in this order, or by name",
+                    f"restitution is {restitution:g} and intensity {intensity:g} m/s:"
+                    " Scene(block, restitution, intensity) takes them in this order, or by"
+                    " name",
                     stacklevel=3,
                 )
         return super().__new__(cls)

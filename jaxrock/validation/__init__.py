@@ -38,6 +38,6 @@ from .guarding import replace_invalid as replace_invalid
 from .names import as_flag as as_flag
 from .names import as_name as as_name
 from .names import as_text as as_text
-from .names import by_name as by_name
+from .names import require_names as require_names
 from .units import carries_unit as carries_unit
 from .units import convert_to_si as convert_to_si

@@ -107,7 +107,7 @@ def _combine_validity(parts: Iterable[Booleans | bool]) -> Booleans | bool:
 def _check_argument(
     name: str, value: object, kind: type[Checked], function: Callable[..., object]
 ) -> None:
-    """Check the kind of an argument; a module that has what is missing is named with its parts."""
+    """Check the kind of an argument; name the parts of a module that has such a part."""
     hint = ""
     if isinstance(value, Checked) and not isinstance(value, kind):
         fields = {field.name for field in list_fields(type(value))}

@@ -43,7 +43,7 @@ def as_name(
     raise ValueError(f"{argument} must be one of {choice}, got {describe(name)}")
 
 
-def by_name(method: Callable[..., _T]) -> Callable[..., _T]:
+def require_names(method: Callable[..., _T]) -> Callable[..., _T]:
     """Let a class method say how it is called where arguments are given by their places."""
     names = [
         parameter.name
