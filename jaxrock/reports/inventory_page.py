@@ -141,11 +141,11 @@ def _write_first_sentence(dataset: "xarray.Dataset") -> str:
     first = names[:_FIRST]
     listed = " and ".join(filter(None, [", ".join(first[:-1]), first[-1]]))
     more = len(names) - len(first)
-    rest = f"; then {more} more" if more else ""
+    remainder = f"; then {more} more" if more else ""
     which = f"these {_COUNTS[len(first)]}" if len(first) > 1 else "this one"
     if dataset.object.size == 1:
         return f"{verb} it: {listed} overturns more often than once in {years} years."
-    return f"{verb} {which} first: {listed}{rest}."
+    return f"{verb} {which} first: {listed}{remainder}."
 
 
 def _write_actions(dataset: "xarray.Dataset") -> str:
