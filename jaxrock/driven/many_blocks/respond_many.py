@@ -284,18 +284,17 @@ def respond_batch(
     >>> print(*(f"{peak:.3f} rad" for peak in response.peak_rotation), response.overturned)
     0.044 rad 0.069 rad 0.077 rad [False  True  True]
     """
-    initial = {}
-    for name, value, unit in (("rotation", rotation, "rad"), ("velocity", velocity, "rad/s")):
-        if value is not None:
-            initial[name] = as_real(name, value, unit=unit)
+    given = (("rotation", rotation, "rad"), ("velocity", velocity, "rad/s"))
+    initial = {
+        n: as_real(n, value, unit=unit) for n, value, unit in given if value is not None
+    }
     restitution, duration = check_batch(blocks, restitution, motion, duration, **initial)
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
     batch = Batch.of(blocks, restitution, motion, duration, **initial)
-    response = follow_batch(batch, as_model(model), rtol)
     if batch.traced:
-        return refuse_reverse_mode("respond_batch", response)
-    return jax.device_put(response)
+        return refuse_reverse_mode("respond_batch", follow_batch(batch, as_model(model), rtol))
+    return jax.device_put(follow_batch(batch, as_model(model), rtol))
 
 
 def check_batch(
