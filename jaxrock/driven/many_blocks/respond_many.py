@@ -106,18 +106,17 @@ class BatchResponse(Printed, eqx.Module):
     peak_rotation : Array
         Largest abs(alpha) [rad], at most pi / 2.
     final_rotation, final_velocity : Array
-        Rotation [rad] and angular velocity [rad/s] at the end of the duration. For a block
-        that has fallen, at the end of the step in which it reached pi / 2.
+        Rotation [rad] and angular velocity [rad/s] at the end of the duration, or of the step
+        in which the block reached pi / 2.
     overturned : Array of bool
         As in `Response`.
     margin : Array
         `free_motion_margin` at the end of the input [-].
     impacts : Array of int
-        Number of impacts. The infinitely many impacts by which a block comes to rest do not
-        count.
+        Number of impacts, without the infinitely many in which a block comes to rest.
     mode : Array of int
-        Number of impacts before overturning; -1 for a block that stands. It includes an
-        impact after the end of the input, if the block then overturns on the other side.
+        Number of impacts before overturning; -1 for a block that stands. One impact may come
+        after the end of the input, if the block then overturns on the other side.
     status : Array of int
         A `jaxrock.Status`: COMPLETE, or STOPPED or INVALID, where the real numbers are NaN.
     """
@@ -228,10 +227,9 @@ def respond_batch(
 ) -> BatchResponse:
     """Compute the responses of many blocks, each in time steps of its own.
 
-    Everything broadcasts: blocks, restitutions, durations, initial rotations and velocities,
-    the amplitude, duration and start of a pulse, the amplitude, frequency and start of a
-    `Harmonic`, the scale, time step and start of a `Record`, and the leading axes of its
-    samples. The response of a block does not depend on what else is in the batch.
+    Everything broadcasts: blocks, restitutions, durations, initial states, the numbers of a
+    pulse or a `Harmonic`, the scale, time step and start of a `Record`, and the leading axes of
+    its samples. The response of a block does not depend on what else is in the batch.
 
     Parameters
     ----------
@@ -269,11 +267,10 @@ def respond_batch(
 
     Notes
     -----
-    Each step is a Taylor polynomial, as long as its last terms allow. A pulse enters with its
-    own Taylor series, a harmonic motion with one series for each period, a record with a
-    straight line between neighbouring samples. Outside of transformations, the batch is
-    distributed over the devices, or over the cores of a processor. Derivatives exist in
-    forward mode.
+    Each step is a Taylor polynomial, as long as its last terms allow. A pulse enters by its own
+    Taylor series, a harmonic motion by one for each period, a record by a line between samples.
+    Outside of transformations, the batch is distributed over the devices, or over the cores of
+    a processor. Derivatives exist in forward mode.
 
     Examples
     --------
@@ -284,17 +281,18 @@ def respond_batch(
     >>> print(*(f"{peak:.3f} rad" for peak in response.peak_rotation), response.overturned)
     0.044 rad 0.069 rad 0.077 rad [False  True  True]
     """
-    given = (("rotation", rotation, "rad"), ("velocity", velocity, "rad/s"))
-    initial = {
-        n: as_real(n, value, unit=unit) for n, value, unit in given if value is not None
-    }
+    initial = {}
+    for name, value, unit in (("rotation", rotation, "rad"), ("velocity", velocity, "rad/s")):
+        if value is not None:
+            initial[name] = as_real(name, value, unit=unit)
     restitution, duration = check_batch(blocks, restitution, motion, duration, **initial)
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
     batch = Batch.of(blocks, restitution, motion, duration, **initial)
+    response = follow_batch(batch, as_model(model), rtol)
     if batch.traced:
-        return refuse_reverse_mode("respond_batch", follow_batch(batch, as_model(model), rtol))
-    return jax.device_put(follow_batch(batch, as_model(model), rtol))
+        return refuse_reverse_mode("respond_batch", response)
+    return jax.device_put(response)
 
 
 def check_batch(
@@ -436,9 +434,9 @@ def _share_out(
         if len(devices) > 1 or not on_processor:
             placed = jax.device_put(placed, devices[k % len(devices)])
         result = follow(*placed, count, control, program=program, lanes=lanes)
-        result = jax.device_get(result)
+        answers = jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
         work.advance(count)
-        return jax.tree.map(lambda leaf: leaf[:count], result)
+        return answers
 
     with count_work("motions", size) as work:
         separate = map_in_threads(follow_piece, range(pieces), min(workers, pieces))
