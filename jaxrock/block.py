@@ -440,7 +440,7 @@ def diagonal_ratio(block: Block) -> Reals:
 
 
 def is_rectangle(block: Block) -> bool:
-    """Tell whether the inertia ratio is known to belong to a homogeneous rectangle."""
+    """Return whether the inertia ratio is known to belong to a homogeneous rectangle."""
     ratio = block.inertia_ratio
     # Some transformations put other objects in the place of arrays.
     if is_traced(ratio) or not isinstance(ratio, jax.Array | np.ndarray):

@@ -556,7 +556,7 @@ def test_the_first_sentence_of_the_page(assessed):
     def with_target(rank, dataset=assessed):
         """The dataset with a target that as many objects miss."""
         rates = [*dataset.rate.values, 0.0]
-        target = {0: 1.0, rank: (rates[rank - 1] + rates[rank]) / 2}[rank]
+        target = (rates[rank - 1] + rates[rank]) / 2 if rank else 1.0
         return dataset.assign_attrs(target=target)
 
     none = "Nothing needs to be done: all objects overturn at most once in 1 years."
@@ -614,7 +614,7 @@ def test_rates_at_both_ends_of_an_assumed_restitution(with_assumed):
     site, dataset = with_assumed
     for k, name in enumerate(NAMES):
         answer = dataset.sel(object=name)
-        block = jax.tree.map(lambda leaf, k=k: leaf[k], BLOCK)
+        block = jr.Block(HALF_WIDTHS[k], SLENDERNESSES[k])
         assert bool(answer.restitution_assumed) == (k in (1, 3))
         if k not in (1, 3):
             assert np.isnan(answer.rate_at_low_restitution)

@@ -114,6 +114,12 @@ def test_every_picture_is_small_and_on_a_page_and_in_the_gallery():
         assert (ROOT / "docs" / link).exists(), link
 
 
+def test_headings_have_the_words_that_people_search_for():
+    headings = "".join(re.findall(r"^#+ .*$", TEXTS["tasks"], re.M)).lower()
+    for word in ("widen", "parapet", "museum", "excel", "resume"):
+        assert word in headings, word
+
+
 @pytest.mark.float64
 @pytest.mark.thorough
 def test_driven_motion(capsys):

@@ -102,7 +102,7 @@ class Choice(Printed, eqx.Module):
             return "\n".join([*lines, f"{beyond:6} of them beyond {self.tolerance:g}"])
         verdict = f"{self.setting}: off by at most {float(self.error):.1e}"
         if not self.within_tolerance:
-            verdict = f"nothing on offer keeps {self.tolerance:g}; the best is {verdict}"
+            verdict = f"no setting is within {self.tolerance:g}; the best is {verdict}"
         return "\n".join([verdict, *self.reasons])
 
 
@@ -157,7 +157,7 @@ def choose(
     if isinstance(scene, DrivenScene):
         if shape is not None:
             raise ValueError(
-                "shape goes with a Scene; the motion of a DrivenScene has its own"
+                "shape must be left out for a DrivenScene, whose motion has a shape of its own"
             )
         return _choose_rtol(scene, tolerance)
     check_kind("scene", scene, Scene, DrivenScene)
@@ -196,7 +196,7 @@ def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
     causes = {"linearizing": predicted.linearization}
     if shape is not None:
         causes["taking the pulses as instantaneous"] = predicted.duration
-        causes["not knowing that better"] = predicted.duration_bound
+        causes["the uncertainty of that estimate"] = predicted.duration_bound
     causes["float32 at most"] = predicted.rounding["nonlinear"][32]
     lines: list[str] = []
     for cause, errors in causes.items():

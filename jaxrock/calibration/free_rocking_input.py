@@ -44,7 +44,8 @@ def check_measurements(
             )
     if times is not None and peaks is not None and peaks.size != times.size - 1:
         raise ValueError(
-            f"peak_rotations must be one less than impact_times, {times.size - 1}, got {peaks.size}"
+            f"peak_rotations must have one value less than impact_times, {times.size - 1},"
+            f" got {peaks.size}"
         )
     # Peaks without times get one dummy time of weight 0, so that arrays are never empty.
     t = _as_float(times, 1)
@@ -105,7 +106,7 @@ def gather_known(
             "block must be given for the nonlinear model, which depends on its shape"
         )
     if block is None and not timed:
-        raise ValueError("block must be given with peak_rotations alone, got None")
+        raise ValueError("block must be given where only peak_rotations are, got None")
     if block is not None:
         check_kind("block", block, Block)
         check_concrete(block, OUTSIDE)
@@ -129,7 +130,7 @@ def gather_known(
         name, given = ("impact_times", of_times) if timed else ("peak_rotations", of_peaks)
         least = unknowns + 1 - (of_peaks if timed else 0)
         raise ValueError(
-            f"{name} must be at least {least} to fit {unknowns} numbers, got {given}"
+            f"{name} must have at least {least} values to fit {unknowns} parameters, got {given}"
         )
     shape = Block(0.2, _ANY_SHAPE) if block is None else block
     # At once to the device, in the precision of the measurements: one program for all tests.

@@ -1,11 +1,12 @@
 """Answers of commands: what they print, and what their files say of them."""
 
 import dataclasses
+import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 from ..ground_motion import FLOOR_DAMPING
 from ..host import read_version
@@ -112,7 +113,7 @@ def list_rows(columns: Mapping[str, Sequence[object]]) -> list[dict[str, object]
 
 
 def save_picture(
-    drawn: "matplotlib.axes.Axes | matplotlib.figure.Figure", file: Path | BinaryIO
+    drawn: "matplotlib.axes.Axes | matplotlib.figure.Figure", file: Path | io.BytesIO
 ) -> None:
     """Write a figure, or the one that axes belong to, to a file."""
     import matplotlib.pyplot as plt

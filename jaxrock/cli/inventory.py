@@ -54,14 +54,15 @@ def inventory(
 ) -> Answer:
     """Rank objects of a museum or a building by their rates of overturning.
 
-    The file has a line for each object below one line with the names of its columns: name,
-    width [m], height [m], and perhaps depth [m], inertia ratio, restitution and restitution
-    coefficient of variation, lengths also in cm or mm. Objects against a wall have yes in a
-    column one-sided, objects on upper floors a floor period [s] and perhaps a floor damping. A
-    hazard must be given, of the ground. Gives the uplift intensity of each, the probability
-    and the rate of overturning, the most important parameter, and the width at this height
-    from which on the rate stays below the target. Where no restitution is given, the rate is
-    computed with a low and with a high one.
+    The file has a line with the names of its columns, and below it a line for each object.
+    Columns are name, width [m], height [m], and optionally depth [m], inertia ratio,
+    restitution and restitution coefficient of variation, with lengths also in cm or mm.
+    Objects against a wall have yes in a column one-sided. Objects on upper floors have a
+    floor period [s] and optionally a floor damping. A hazard of the ground must be given. For
+    each object the command gives the uplift intensity, the probability and the rate of
+    overturning, the most important parameter, and the width at this height from which on the
+    rate stays below the target. Where no restitution is given, the
+    rate is computed with a low and with a high one.
 
     Writes inventory.nc, inventory.csv, inventory.png and inventory.html, a page to print.
 
@@ -81,7 +82,8 @@ def inventory(
     measure
         Peak ground velocity [m/s] or acceleration [m/s2].
     level
-        Levels for probabilities; by default of the return periods 475 and 2,475 years.
+        Levels for probabilities. By default the levels with return periods of 475 and 2,475
+        years.
     model
         Equation of motion.
     title

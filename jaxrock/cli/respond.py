@@ -43,8 +43,8 @@ def respond(
     """Simulate the response of one block to a pulse or a record, through every impact.
 
     Writes response.csv and response.nc (rotation over time), impacts.csv and response.png
-    (ground and rotation while the block moves, and phase portrait), and says from which factor
-    on the motion lifts the block.
+    (ground and rotation while the block moves, and phase portrait). Prints the smallest
+    factor on the motion that lifts the block.
 
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
 
@@ -162,9 +162,9 @@ def _describe_scene(block_options: BlockOptions, options: MotionOptions) -> str:
 def _describe_uplift(response: driven.Response, factor: float, scale: float | None) -> str:
     """Describe the factor on the motion from which on it lifts the block."""
     if math.isinf(factor):
-        return "never lifted, with any factor on the motion"
+        return "no factor on the motion lifts the block"
     # A motion that lifts the block after the duration does lift it.
     lifted = bool(response.peak_rotation > 0) or factor < 1
-    begins = "lifted" if lifted else "never lifted; it would be"
-    scaled = "" if scale in (None, 1.0) else f" (scale {factor * scale:.4g})"
-    return f"{begins} from factor {factor:.4g} on the motion on{scaled}"
+    begins = "the block lifts" if lifted else "the block is not lifted; it lifts"
+    scaled = "" if scale in (None, 1.0) else f" (--scale {factor * scale:.4g})"
+    return f"{begins} once the motion is multiplied by {factor:.4g} or more{scaled}"

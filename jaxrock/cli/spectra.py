@@ -49,9 +49,9 @@ def spectrum(
 ) -> Answer:
     """Compute resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
 
-    Writes spectrum.nc, spectrum.csv and spectrum.png. Values of the grid are given one by
-    one, or as START:STOP:COUNT. For many million points use --store: workers compute
-    the store, and it can be continued.
+    Writes spectrum.nc, spectrum.csv and spectrum.png. Give the values of the grid one by one,
+    or as START:STOP:COUNT. For many million points use --store: workers compute the store,
+    and it can be continued.
 
     Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
 
@@ -73,7 +73,8 @@ def spectrum(
     one_sided
         The blocks stand against a wall, and rock away from it only.
     model
-        Equation of free rocking; auto takes at each point the cheapest within the tolerance.
+        Equation of free rocking; auto takes the cheapest equation within the tolerance at
+        each point.
     tolerance
         Relative error that is allowed, for the model auto. 1e-3 if not given.
     out
@@ -158,8 +159,8 @@ def rocking_spectrum(
     slenderness
         Height over width [-].
     restitution
-        Velocity after an impact over velocity before it [-], 0 to 1. If not given 0.9; against a
-        wall the one that follows from size.
+        Velocity after an impact over velocity before it [-], 0 to 1. If not given 0.9;
+        against a wall computed from the size.
     inertia_ratio
         Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
     one_sided

@@ -62,9 +62,8 @@ class Suite(Printed, eqx.Module):
     Raises
     ------
     ValueError
-        If there is no record, if a record is an array of records, if scales differ in shape,
-        if names are not words that differ, one for each record, or if the ground does not
-        match in records, names, scales or directions.
+        If there is no record, a record is an array of records, scales differ in shape, names
+        are not different words, or the ground differs in records, names, scales or directions.
 
     Examples
     --------
@@ -101,7 +100,7 @@ class Suite(Printed, eqx.Module):
         self.names = check_names(names, len(self.records))
         if directions not in (1, 2) or len(self.records) % directions:
             raise ValueError(
-                "directions must be 1, or 2 for records and as many in reverse, got"
+                "directions must be 1, or 2 if the second half reverses the first, got"
                 f" {directions!r:.60} for {len(self.records)} records"
             )
         if ground is not None:
@@ -110,19 +109,17 @@ class Suite(Printed, eqx.Module):
             expected = (len(self.records), np.shape(self.records[0].scale), directions)
             if numbers != expected or ground.ground is not None:
                 raise ValueError(
-                    "ground must be a suite on the ground, of as many records, scales and"
-                    f" directions as the one on the floor, got {ground}"
+                    "ground must be a suite on the ground, with as many records, scales and"
+                    f" directions as this suite, got {ground}"
                 )
             if ground.names != self.names:
-                raise ValueError(
-                    f"ground must have the names of the records, got {ground.names} and"
-                    f" {self.names}"
-                )
+                names = f"{ground.names} and {self.names}"
+                raise ValueError(f"ground must have the names of the records, got {names}")
         if floor is not None:
             check_kind("floor", floor, Floor)
             if ground is None or floor.shape:
                 raise ValueError(
-                    f"floor must be a single one, with its ground given as well, got {floor}"
+                    f"floor must be a single floor, given together with ground, got {floor}"
                 )
         self.ground = ground
         self.floor = floor
@@ -181,8 +178,7 @@ class Suite(Printed, eqx.Module):
     def measure(self, measure: str, block: Block | None = None) -> Reals:
         """Measure the intensity of each record, as it is scaled now.
 
-        For a suite on a floor it is the intensity of the ground, to which hazard curves
-        refer.
+        For a suite on a floor it is the intensity of the ground, as in hazard curves.
 
         Parameters
         ----------
@@ -262,7 +258,7 @@ class Suite(Printed, eqx.Module):
         check("factors", factors, FINITE)
         if factors.ndim and len(factors) != len(self):
             raise ValueError(
-                f"factors must be one, or one for each of {len(self)} records,"
+                f"factors must be one factor, or one for each of {len(self)} records,"
                 f" got an array of shape {factors.shape}"
             )
         if not factors.ndim:
@@ -338,8 +334,8 @@ class Suite(Printed, eqx.Module):
         )
         if floor.shape:
             raise ValueError(
-                "period, damping and participation must be those of one floor, got arrays of"
-                f" {floor.shape} floors"
+                "period, damping and participation must be those of one floor, got floors of"
+                f" shape {floor.shape}"
             )
         motions = [
             compute_floor_motion(record.acceleration, record.vertical, record.time_step, floor)

@@ -185,7 +185,8 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     # The legend is one, below: it gets its entry from a line without points.
     for line in (*levels, *ax.plot([], label="lifts the block")):
         line.set(color=LINE, linestyle="-.", linewidth=0.8)
-    label_axes(above, "", "ground [m/s²]")
+    # The ground, or a floor: a record does not know.
+    label_axes(above, "", "base [m/s²]")
     ax.legend(**ABOVE, ncols=4)
     return label_axes(ax, "time [s]", RATIO)
 

@@ -106,9 +106,10 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     Returns
     -------
     dict
-        Nested, of numbers, NaN where a quantity does not exist: ``scene``, the same for
-        the models, ``models`` with the answers of each, ``linearization_error``, the ratio of
-        `Linearized` to `Nonlinear` less 1, and with a tolerance ``choice``, also of text.
+        Nested, with numbers, NaN where a quantity does not exist: ``scene``, which both
+        models share; ``models``, the answers of each; ``linearization_error``, the ratio of
+        `Linearized` to `Nonlinear` minus 1; and with a tolerance ``choice``, which has text
+        as well.
 
     Raises
     ------
@@ -147,9 +148,7 @@ def _require_single(name: str, scene: Scene) -> None:
     """Raise `ValueError` for a scene that holds arrays."""
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
-        raise ValueError(
-            f"{name} must be a single one to be assessed, got an array of {shape}"
-        )
+        raise ValueError(f"{name} must be single to be assessed, got an array of {shape}")
 
 
 def _run_programs(scene: Scene, describe: Program, compute: Program) -> Answers:

@@ -205,7 +205,7 @@ def worst_train(
 
     block, restitution = unify_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
-        raise ValueError("block and restitution must be one, not arrays")
+        raise ValueError("block and restitution must be a single block and number, got arrays")
     rocker = Rocker(block, restitution, as_model(model))
     problem = TrainProblem(
         rocker=rocker,

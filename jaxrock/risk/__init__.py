@@ -3,8 +3,8 @@
 from .example_inventory import EXAMPLE_FILES as EXAMPLE_FILES
 from .example_inventory import read_example_inventory as read_example_inventory
 from .example_inventory import write_example_inventory as write_example_inventory
+from .exceedance import name_thresholds as name_thresholds
 from .fragility_curves import fragility
-from .fragility_curves import name_thresholds as name_thresholds
 from .hazard import Hazard
 from .hazard_files import read_hazard
 from .inventory import Inventory

@@ -32,20 +32,20 @@ class Inventory(Printed, eqx.Module):
     Parameters
     ----------
     names : sequence of str
-        One for each object, different from each other.
+        A different name for each object.
     block : Block
         Of shape (objects,).
     restitution : array_like
-        C [-], between 0 and 1; one, or one for each object. Of a one-sided object it may be
-        negative, and its magnitude counts.
+        C [-], between 0 and 1; one, or one for each object. For a one-sided object it may be
+        negative; its magnitude counts.
     uncertain : Uncertain, optional
         Uncertain parameters, with one coefficient of variation for all objects or one for
         each.
     remarks : sequence of str, optional
         What is exceptional about each object.
     one_sided : bool or sequence of bool, optional
-        Whether an object stands against a wall; see `Block`. One, or one for each object; by
-        default as the block is.
+        Whether an object stands against a wall; see `Block`. One value, or one for each
+        object; by default that of the block.
     floor_period : array_like
         Period of the floor on which an object stands [s], finite and at least 0: 0 is the
         ground floor, which moves with the ground. One, or one for each object.
@@ -67,8 +67,8 @@ class Inventory(Printed, eqx.Module):
     Raises
     ------
     ValueError
-        If names are not one different word for each object, if shapes do not fit, or a value
-        is out of range.
+        If names are not different words, one for each object, if shapes do not fit, or if a
+        value is out of range.
 
     Examples
     --------

@@ -3,7 +3,6 @@
 import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
-import jax
 import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
@@ -11,16 +10,16 @@ from ..ground_motion import warn_of_large_intensities
 from ..host import show_progress
 from ..impact import bracket_assumed_restitution
 from ..numerics import bound_probabilities
-from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
+from .boundary_sums import find_uplift_levels
 from .drawn_objects import add_restitutions, draw_objects
 from .hazard import Hazard
 from .inventory import Inventory
 from .inventory_dataset import INVENTORY_PARAMETERS, make_inventory_dataset
 from .inventory_groups import ObjectGroup, describe_places, group_objects
 from .lognormal import fit_lognormal
-from .outcome_table import tabulate_outcomes
+from .outcome_table import sum_crossings, tabulate_outcomes
 from .rate_elasticities import compute_elasticities, list_parameters
 from .required_value import required_value
 from .sample_rates import average_samples, simulate_samples
@@ -45,9 +44,6 @@ _RESOLUTION = 0.03  # relative, of required widths
 _NARROWEST = 0.5
 _WIDEST = 2.0
 _WIDEST_OF_HEIGHT = 1.5
-# Objects whose uplift is computed at once: of one size, so that one program does for any
-# number of objects.
-_TOGETHER = 32
 
 
 def assess_inventory(
@@ -58,18 +54,18 @@ def assess_inventory(
     reported_levels: Numbers | None = None,
     model: ModelLike = Nonlinear(),
 ) -> "xarray.Dataset":
-    """Rank objects by the rate at which they overturn, and say what each would need.
+    """Rank objects by the rate at which they overturn, and find the width that each would need.
 
     Parameters
     ----------
     inventory : Inventory
     site : Site
-        Levels 4 % apart, ``spacing=0.04``, do for a ranking.
+        Levels 4 % apart, ``spacing=0.04``, suffice for a ranking.
     target : float
         The rate that is tolerated, greater than 0 [1/yr].
     reported_levels : array_like, shape (n,), optional
-        Increasing levels of the measure for which probabilities are given; by default those
-        with the return periods of 475 and 2,475 years, where the hazard has them.
+        Increasing levels of the measure for which probabilities are given. By default the
+        levels with return periods of 475 and 2,475 years, where the hazard has them.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -78,8 +74,8 @@ def assess_inventory(
     xarray.Dataset
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
         ``slenderness``, ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
-        ``restitution_assumed``, ``critical_angle``; ``uplift_intensity``, the median over the
-        records; ``median`` and ``dispersion`` of the maximum-likelihood lognormal curve;
+        ``restitution_assumed``, ``critical_angle``; ``uplift_intensity``, the median of the
+        lognormal curve of uplift; ``median`` and ``dispersion`` of the one of overturning;
         ``rate`` of overturning with its ``standard_error`` (from record to record) and
         ``not_detected`` (see `overturning_rate`); ``required_width``, the width at this height
         from which on the rate stays below the target, inf where there is none, with
@@ -113,11 +109,11 @@ def assess_inventory(
 
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
     rate with its errors, the probabilities and the curve. The required width and the
-    elasticities are computed with the medians, and so is the rate with the low end of a
-    restitution that is assumed, 0.85 times the one that follows from size. No change of a
-    restitution goes further than halfway to 1. Widths are examined from half the present one
-    to the larger of twice the present one and 1.5 times the height, and the restitution stays
-    what it is. The answers for an object do not depend on the others.
+    elasticities are computed with the medians, and so is the rate with the low end of an
+    assumed restitution, 0.85 times the one that follows from size. A change of a restitution
+    ends at the latest halfway between its value and 1. Widths are examined from half the
+    present width to the larger of twice the present width and 1.5 times the height, at
+    constant restitution. The answers for an object do not depend on the others.
 
     Examples
     --------
@@ -234,7 +230,7 @@ def _simulate_objects(
         ends = bracket_assumed_restitution(inventory.block)
         low_restitution[assumed] = np.asarray(ends[0])[assumed]
         drawn = add_restitutions(drawn, assumed, low_restitution[assumed])
-    cases, overturned, rates = simulate_samples(
+    cases, overturned, crossings, rates = simulate_samples(
         objects, drawn.block, drawn.restitution, site, model, _ACCURACY, drawn.floors
     )
     levels = np.asarray(site.levels)
@@ -251,8 +247,8 @@ def _simulate_objects(
         outcomes = overturned[:, samples]
         means = average_samples(rates.contributions[:, samples], outcomes, site)
         # A record counts by the fraction of its samples.
-        fractions = outcomes.mean(axis=1).sum(axis=0) / directions
-        fit = fit_lognormal(levels, fractions, recordings)
+        sums = sum_crossings(crossings, overturned, samples, directions)
+        fit = fit_lognormal(sums, (float(levels[0]), float(levels[-1])))
         counts = at_reported[:, samples].mean(axis=1).sum(axis=0) / directions
         low, high = bound_probabilities(counts, recordings, _CONFIDENCE)
         separate.append(
@@ -323,19 +319,9 @@ def _choose_reported_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarra
 
 
 def _find_uplift_intensities(block: Block, site: Site, model: RockingModel) -> np.ndarray:
-    """Find the level from which on each block is lifted: the median over the records."""
-    number = len(np.asarray(block.half_width))
-    medians = []
-    for start in range(0, number, _TOGETHER):
-        # The last group is filled up with the last block.
-        which = np.minimum(np.arange(start, start + _TOGETHER), number - 1)
-        group = jax.tree.map(lambda leaf, which=which: np.asarray(leaf)[which], block)
-        levels = [
-            np.asarray(uplift_factor(group, record, model=model)) * float(intensity)
-            for record, intensity in zip(site.suite, site.intensities, strict=True)
-        ]
-        medians.append(np.median(levels, axis=0))
-    return np.concatenate(medians)[:number]
+    """Find the level that lifts each block: the median of the lognormal curve of uplift."""
+    levels = find_uplift_levels(block, site.suite, np.asarray(site.intensities), model)
+    return np.exp(np.log(levels).mean(axis=0))
 
 
 def _name_most_important(elasticity: np.ndarray) -> str:

@@ -34,7 +34,7 @@ _WORDS = {
     "low_restitution": ("restitution at the lower end of what is likely, where assumed", "1"),
     "coefficient_of_variation": ("coefficient of variation of the restitution", "1"),
     "critical_angle": ("critical angle", "rad"),
-    "uplift_intensity": ("uplift intensity, median over the records", _OF_MEASURE),
+    "uplift_intensity": ("median of the lognormal fragility curve of uplift", _OF_MEASURE),
     "median": ("median of the lognormal fragility curve of overturning", _OF_MEASURE),
     "dispersion": ("dispersion of the curve: standard deviation of ln(level)", "1"),
     "probability": ("probability of overturning at this level", "1"),

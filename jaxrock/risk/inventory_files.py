@@ -80,30 +80,31 @@ def read_inventory(
     Parameters
     ----------
     path : str or path
-        A file with columns separated by commas, semicolons or tabs, in any order, below a line
-        with their names and units, such as ``name,width [cm],height [m]``. Titles may stand
-        above that line and units below it. Lines that begin with # are comments, and rows of
-        empty cells are left out. Decimals stand behind points, or all of them behind commas.
+        A file with columns separated by commas, semicolons or tabs, in any order, below a
+        line with their names and units, such as ``name,width [cm],height [m]``. Titles may
+        stand above that line and units below it. Lines that begin with # are comments, and
+        rows of empty cells are left out. The decimal separator is a point, or a comma in all
+        numbers.
 
         Each object has a ``name`` of its own, a ``width`` and a ``height``, which is twice
-        that of the centre of mass. It may have a ``depth``: then the shorter of the two sides
-        of its base is the width over which it rocks. An ``inertia ratio`` that is missing is
-        4/3, a ``restitution`` that is missing Housner's, which the inventory marks as assumed.
-        The ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is
-        missing. A column or a cell may be missing, but for the first three columns.
+        the height of the centre of mass. It may have a ``depth``; it then rocks over the
+        shorter of the two sides of its base. An ``inertia ratio`` that is missing is 4/3, a
+        ``restitution`` that is missing Housner's, which the inventory marks as assumed. The
+        ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is
+        missing. Columns and cells other than the first three may be missing.
 
-        An object that stands against a wall, as a facade, has yes, true, 1 or x in the column
-        ``one-sided``, all others no, false, 0 or nothing. Its width is its side at right
-        angles to the wall; it has no depth. Its restitution may be negative; if it is missing,
-        `one_sided_restitution` gives it. An object on an upper floor has a ``floor period``;
-        without one, or with 0, it stands on the ground floor. It may have a ``floor
+        The column ``one-sided`` has yes, true, 1 or x for an object against a wall, such as a
+        facade, and no, false, 0 or nothing for all others. Its width is its side at right
+        angles to the wall; it has no depth. Its restitution may be negative; if it is
+        missing, `one_sided_restitution` gives it. An object on an upper floor has a ``floor
+        period``; without one, or with 0, it stands on the ground floor. It may have a ``floor
         damping``, a ratio, 0.05 if it is missing.
 
         Lengths are in m, cm, mm, in or ft, periods in s or ms; a coefficient of variation and
-        a damping are a number or in %. Units stand in the heads, in brackets or behind the
-        name.
+        a damping are a number or in %. The heads of the columns state the units, in brackets
+        or after the name.
     samples, seed : int
-        Of uncertain restitutions; see `Uncertain`.
+        Number and seed of the samples of uncertain restitutions; see `Uncertain`.
 
     Returns
     -------
@@ -312,7 +313,7 @@ def _read_number(table: Table, row: Row, column: int, quantity: str, one_sided: 
     if not domain.contains(np.asarray(value)):
         reason = f"{name} must be {domain.allowed}, got {quote_word(cell)}"
         raise table.text.error(reason, row.line)
-    if value < _SMALLEST_SIZES.get(quantity, 0.0):
+    if value < _SMALLEST_SIZES.get(quantity, -math.inf):
         reason = (
             f"{name} has {quote_word(cell)}, a {quantity} of {1000 * value:.3g} mm; if another"
             " unit was meant, it must stand in the head of the column"

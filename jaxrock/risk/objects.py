@@ -53,7 +53,7 @@ def gather_objects(
         ) from None
     if len(shape) > 1:
         raise ValueError(
-            "block and restitution must be single ones or have one axis, of objects,"
+            "block and restitution must be single or have one axis, of objects,"
             f" got shape {shape}"
         )
     if shape == (0,):
@@ -70,7 +70,7 @@ def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[s
     if names is None:
         return tuple(str(k + 1) for k in range(shape[0])) if shape else ()
     if not shape:
-        raise ValueError("names go with arrays of blocks or restitutions only")
+        raise ValueError("names must be left out for a single block")
     if isinstance(names, str):
         raise ValueError(f"names must be a list of them, got {names!r:.60}")
     names = tuple(str(as_text(name)) for name in names)

@@ -244,8 +244,7 @@ def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
     if len(named) > 1:
         pairs = ", or ".join(" and ".join(sizes) for sizes in SIZE_NAMES.values())
         raise ValueError(
-            f"{argument} must have {pairs}, which are the same two numbers; got"
-            f" {' and '.join(named.values())}"
+            f"{argument} must describe the size by {pairs}, got {' and '.join(named.values())}"
         )
     return next(iter(named)) if named else "shape"
 

@@ -59,11 +59,11 @@ _VARIABLES = {  # long names and units
 }
 _FLAGS = {  # long names and meanings
     "region": (
-        "symmetric steady rocking, and what a block does that is launched near it",
+        "symmetric steady rocking, and the outcome of a launch near it",
         "no_orbit stable symmetry_broken overturned",
     ),
     "from_rest": (
-        "what a block at rest does that the floor begins to move",
+        "outcome of a block that starts from rest",
         "stays_at_rest rocks overturned",
     ),
 }

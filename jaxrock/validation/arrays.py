@@ -43,7 +43,7 @@ _T = TypeVar("_T")
 
 
 def is_traced(tree: object) -> bool:
-    """Tell whether a pytree has a traced leaf.
+    """Return whether a pytree has a traced leaf.
 
     Public functions are called in two ways. Of concrete numbers one can raise an error, search
     on the host, and compute in NumPy, which compiles nothing. Of traced ones, inside of
