@@ -89,6 +89,7 @@ def check_result(name: str, value: object, kind: type, source: str) -> None:
 def check_dataset(name: str, value: object, variables: Sequence[str], source: str) -> None:
     """Check that what is to be drawn is a dataset with these variables; `source` gives one."""
     check_result(name, value, xarray.Dataset, source)
+    assert isinstance(value, xarray.Dataset)
     missing = [variable for variable in variables if variable not in value.variables]
     if missing:
         raise ValueError(

@@ -53,9 +53,10 @@ class Scene(Printed, Checked):
         """Warn of a restitution and an intensity that are likely exchanged."""
         if len(numbers) == 3:
             restitution, intensity = numbers[1:]
-            numeric = isinstance(restitution, float) and isinstance(intensity, float)
+            if not isinstance(restitution, float) or not isinstance(intensity, float):
+                return super().__new__(cls)
             # Restitutions are hardly below 0.3, nor intensities at once in their usual range.
-            if numeric and 0 < restitution < 0.3 and 0.5 < intensity <= 1:
+            if 0 < restitution < 0.3 and 0.5 < intensity <= 1:
                 warnings.warn(
                     f"restitution is {restitution:g} and intensity {intensity:g} m/s:"
                     " Scene(block, restitution, intensity) takes them in this order, or by"
