@@ -376,12 +376,16 @@ def test_medians_of_located_boundaries():
     assert float(curves.lognormal_dispersion[0]) == 0
     boundaries = []
     for record, peak in zip(suite, np.asarray(suite.measure("pga")), strict=True):
-        low, high = 9.81 / 4, 60.0
+        low = 9.81 / 4
+        high = 60.0
         while high / low > 1 + 1e-4:
             middle = (low * high) ** 0.5
             scaled = record.scaled(middle / peak)
             overturned = jr.respond(BLOCK, RESTITUTION, scaled, 8.0).overturned
-            low, high = (low, middle) if overturned else (middle, high)
+            if overturned:
+                high = middle
+            else:
+                low = middle
         boundaries.append(np.log(low * high) / 2)
     assert np.log(curves.lognormal_median[1]) == pytest.approx(np.mean(boundaries), abs=2e-3)
     assert float(curves.lognormal_dispersion[1]) == pytest.approx(np.std(boundaries), abs=2e-3)

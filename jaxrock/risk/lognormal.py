@@ -37,7 +37,7 @@ class LognormalFit(NamedTuple):
 
 
 class BoundarySums(NamedTuple):
-    """What a curve is fitted to: boundaries of exceedance, and records without one.
+    """Boundaries of exceedance, and records without one, to which a curve is fitted.
 
     Attributes
     ----------

@@ -120,7 +120,7 @@ class TornadoBars(Printed):
 
     @property
     def always_overturns(self) -> bool:
-        """Whether the block overturns with all parameters unchanged and at all ends."""
+        """True if the block overturns with all parameters unchanged and at all ends."""
         answers = np.concatenate([[self.value], self.at_low, self.at_high])
         return not np.isfinite(answers).any()
 
