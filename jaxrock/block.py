@@ -35,6 +35,7 @@ from .validation import (
     elementwise,
     is_traced,
     quantity,
+    require_names,
 )
 
 # The descriptions of the size of a block: 2b and 2a, b and lambda, or alpha_c and p.
@@ -69,6 +70,7 @@ class Block(Printed, Checked):
     half_width, slenderness, gravity : array_like
         b, half the width of the base [m], lambda = a / b, height over width [-], and g,
         acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
+        `from_size` takes the full width and height instead.
     inertia_ratio : array_like
         kappa = I_O / (m R^2) [-], the moment of inertia about the edge, divided by the moment
         of the same mass in its centre; finite and at least 1. It is 4 / 3 for a homogeneous
@@ -135,6 +137,7 @@ class Block(Printed, Checked):
         return ", ".join(parts)
 
     @classmethod
+    @require_names
     def from_size(
         cls,
         *,
@@ -437,7 +440,7 @@ def diagonal_ratio(block: Block) -> Reals:
 
 
 def is_rectangle(block: Block) -> bool:
-    """Tell whether the inertia ratio is known to belong to a homogeneous rectangle."""
+    """Return whether the inertia ratio is known to belong to a homogeneous rectangle."""
     ratio = block.inertia_ratio
     # Some transformations put other objects in the place of arrays.
     if is_traced(ratio) or not isinstance(ratio, jax.Array | np.ndarray):

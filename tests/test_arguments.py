@@ -148,3 +148,22 @@ ALL_BUT_ONE = np.array([[True, True], [True, False]])
 
 def test_finished_integrations_pass():
     require_complete(ALL_BUT_ONE | True, record=RECORDS, level=[0.4, 0.8])
+
+
+def test_a_restitution_and_an_intensity_that_are_likely_exchanged_get_a_warning():
+    sentence = (
+        r"restitution is 0\.15 and intensity 0\.7 m/s: Scene\(block, restitution, intensity\)"
+    )
+    with pytest.warns(UserWarning, match=sentence):
+        jr.Scene(BLOCK, 0.15, 0.7)
+    jr.Scene(BLOCK, restitution=0.15, intensity=0.7)  # by name it is meant
+
+
+def test_a_batch_keeps_its_derivatives_in_forward_mode():
+    """The refusal of reverse mode leaves them as they are, also where they are batched."""
+
+    def peak(c):
+        return jr.respond_batch(BLOCK, c, PULSE).peak_rotation
+
+    shapes = jax.eval_shape(jax.vmap(jax.jacfwd(jax.jit(peak))), jnp.ones(3))
+    assert shapes.shape == (3,)

@@ -450,7 +450,7 @@ def test_repairs_do_not_hide_another_block():
 @pytest.mark.thorough
 @DOUBLE
 def test_both_another_block_and_a_missing_impact():
-    """Both are said, and what the times said before anything was repaired."""
+    """Both are said, and what the times said before the repairs."""
     p, angle = body(0.13, 5.0)
     times = impacts(0.9, 0.85, 16, p=p, angle=angle)
     times = times + np.random.default_rng(3).normal(0, 3e-4, 16)

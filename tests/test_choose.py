@@ -63,7 +63,7 @@ def test_nothing_keeps_it():
     choice = jr.choose(wall, 1e-16)
     assert not choice.within_tolerance
     assert choice.setting == CLOSED[-1]
-    assert "nothing on offer keeps 1e-16" in str(choice)
+    assert "no setting is within 1e-16" in str(choice)
 
 
 def test_reasons_in_words():

@@ -36,17 +36,73 @@ def without_remarks(path):
 
 
 def test_assess(capsys):
-    code, out, _ = run(capsys, "assess", "--width", 0.8, "--height", 4, "--restitution", 0.7)
+    pulses = ("--restitution", 0.7, "--intensity", 0.15)
+    code, out, _ = run(capsys, "assess", "--width", 0.8, "--height", 4, *pulses)
     assert code == 0
+    assert "slenderness 5), C = 0.7, pulses of 0.15 m/s\n" in out
     assert "settles at 12.4 %" in out
     assert "width at this height [1/m]" in out
-    code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5)
+    code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5, *pulses)
     assert "half-width at this slenderness [1/m]" in out
-    code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5, "--json")
+    overturned = ("assess", "--width", 0.8, "--slenderness", 5, "--intensity", 0.15)
+    code, out, _ = run(capsys, *overturned)
+    assert "C = 0.942 (Housner's, assumed), pulses of 0.15 m/s\n" in out
+    assert not re.search(r"none|derivative|period|zeta", out)
+    code, out, _ = run(capsys, *overturned, "--json")
     assert code == 0
     answers = json.loads(out)
     assert answers["scene"]["restitution"] == answers["scene"]["housner_restitution"]
+    assert answers["scene"]["restitution_assumed"] is True
     assert answers["models"]["nonlinear"]["stabilized"]["period"] is None
+
+
+def test_without_an_intensity_nothing_is_said_of_pulses(capsys):
+    code, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5)
+    assert code == 0
+    assert not re.search(r"none|0\.15|half-cycle \d|margin|derivative|after one pulse", out)
+    assert out.splitlines()[-3].startswith("  unlimited [m/s]")
+    assert out.endswith(
+        "A single pulse overturns it above 1.04 m/s (nonlinear). Unlimited pulses do above"
+        " 0.0599 m/s, each right after an impact.\n"
+    )
+    _, out, _ = run(capsys, "assess", "--width", 0.8, "--slenderness", 5, "--json")
+    answers = json.loads(out)
+    assert "intensity" not in answers["scene"]
+    assert answers["models"]["nonlinear"].keys() == {"critical_velocity", "critical_intensity"}
+    assert "null" not in out
+
+
+@pytest.mark.thorough
+def test_an_assumed_restitution_is_named(capsys, tmp_path):
+    """By every command that answers for one block, and in the files."""
+    slim = ("--width", 0.2, "--slenderness", 5)
+    pulse = ("--pulse", "half-sine", "--amplitude", 3, "--pulse-duration", 0.2)
+    few = ("--frequency", 1, 2, "--amplitude", 3, "--cycles", 5)
+    lines = (
+        ("assess", *slim),
+        ("critical", *slim),
+        ("respond", *slim, *pulse, "--out", tmp_path / "respond"),
+        ("sensitivity", *slim, "--out", tmp_path / "sensitivity"),
+        ("harmonic", *slim, *few, "--out", tmp_path / "harmonic"),
+    )
+    for line in lines:
+        code, out, _ = run(capsys, *line)
+        assert code == 0
+        assert out.count("C = 0.942 (Housner's, assumed)") == 1, line
+    about, _ = without_remarks(tmp_path / "respond" / "impacts.csv")
+    assert "# restitution_assumed: 1" in about
+    _, out, _ = run(capsys, *lines[3], "--restitution", 0.9, "--force")
+    assert "assumed)" not in out
+    about, _ = without_remarks(tmp_path / "sensitivity" / "sensitivity.csv")
+    assert not any("assumed" in line for line in about)
+    given = ("--along", "restitution", "--values", 0.5, 0.9)
+    _, out, _ = run(capsys, "critical", *slim, *pulse, *given)
+    assert "assumed)" not in out
+    for command, assumed in (("spectrum", "0.6, 0.7, 0.8"), ("rocking-spectrum", "0.9")):
+        axis = ("--slenderness", 5, "--out", tmp_path / command)
+        axis += ("--period", 2) if command == "rocking-spectrum" else ()
+        _, out, _ = run(capsys, command, *axis)
+        assert f"\nC = {assumed} (assumed)\n" in out
 
 
 SINE = ("--pulse", "sine", "--pulse-duration", 0.5)
@@ -188,6 +244,7 @@ def test_options_are_written_into_files():
         "width": 0.4,
         "height": 2.0,
         "slenderness": 5.0,
+        "restitution_assumed": 1,
         "gravity": 9.81,
         "pulse": "sine",
     }
@@ -351,8 +408,11 @@ def test_respond(tmp_path, capsys):
     assert answer["uplift_factor"] == pytest.approx(9.81 / 5 / 3, rel=1e-9)
     weak = "respond --pulse sine --amplitude 1 --scale 0.5 --pulse-duration 0.5 --duration 1"
     main([*weak.split(), "--out", str(tmp_path / "weak")])
-    said = "never lifted; it would be from factor 3.924 on the motion on (scale 1.962)"
-    assert said in capsys.readouterr().out.splitlines()
+    sentence = (
+        "the block is not lifted; it lifts once the motion is multiplied by 3.924 or more"
+        " (--scale 1.962)"
+    )
+    assert sentence in capsys.readouterr().out.splitlines()
     assert_follows_cf(out / "response.nc")
     names = {"response.csv", "impacts.csv", "response.nc", "response.png", "response.gif"}
     assert {path.name for path in out.iterdir()} == names
@@ -469,10 +529,10 @@ def test_critical(capsys, tmp_path):
     mild = ("--along", "slenderness", "--values", "1", "1.5", "--amplitude", 0.5)
     code, text, _ = run(capsys, *sine, *mild, "--out", tmp_path / "none")
     assert code == 0
-    assert text.startswith(
-        "the block as given is lifted from factor 3.924 on the motion on\n"
-        "no boundary: it stands at all of the values examined; --values takes others"
-    )
+    assert (
+        "the block as given lifts once the motion is multiplied by 3.924 or more\n"
+        "no boundary: it stands at all of the values examined; --values examines others"
+    ) in text
     _, table = without_remarks(tmp_path / "none" / "critical.csv")
     assert table == ["slenderness [-],overturns_beyond,impacts,toppled"]
 
@@ -487,11 +547,12 @@ def test_critical_factors_of_a_record(capsys, tmp_path):
     motion = jr.example_record().scaled(0.5)
     uplift = float(jr.overturning.uplift_factor(block, motion))
     lines = text.splitlines()
-    assert lines[0] == f"lifted from factor {uplift:.4g} on"
+    assert lines[0] == ("block 0.6 m wide, 1.8 m high, C = 0.85; record example times 0.5")
+    assert lines[1] == f"the block lifts once the motion is multiplied by {uplift:.4g} or more"
     first = jr.overturning.critical_factor(block, 0.85, motion).value[0]
     assert first > 5
-    assert lines[1].startswith(f"overturns beyond {first:.6g} ")
-    assert f"examined up to factor {50 * uplift:.4g}, 50 times uplift" in lines
+    assert lines[2].startswith(f"overturns beyond {first:.6g} ")
+    assert f"the search ended at factor {50 * uplift:.4g}, 50 times uplift" in lines
     files = {path.name for path in (tmp_path / "out").iterdir()}
     assert files == {"critical.csv", "critical.png"}
     # A block as heavy as a house stands; the bound is named, and the uplift is said in JSON.
@@ -505,8 +566,8 @@ def test_critical_factors_of_a_record(capsys, tmp_path):
     assert found["rows"] == []
     assert found["examined"][1] == pytest.approx(50 * found["uplift_factor"])
     code, text, _ = run(capsys, *house, "--restitution", 0.3)
-    assert "\nstands up to factor " in text
-    assert ", 50 times uplift; --values takes others\n" in text
+    assert "\nthe block stands up to factor " in text
+    assert ", 50 times uplift; --values examines others\n" in text
 
 
 @pytest.mark.thorough
@@ -521,7 +582,7 @@ def test_a_record_that_never_lifts(capsys, tmp_path):
     )
     code, text, _ = run(capsys, "respond", *still, "--out", tmp_path / "out")
     assert code == 0
-    assert "\nnever lifted, with any factor on the motion\n" in text
+    assert "\nno factor on the motion lifts the block\n" in text
 
 
 @pytest.mark.thorough
@@ -549,7 +610,7 @@ def test_widths_at_this_height_and_at_this_slenderness(capsys, tmp_path):
         assert row[f"width_at_this_{fixed}"] == pytest.approx(expected, rel=1e-9)
     assert row["height_at_this_width"] == pytest.approx(0.6 * row["critical_slenderness"])
     _, text, _ = run(capsys, *sides, "--out", tmp_path / "closed")
-    assert "0.6 m wide, 1.8 m high (slenderness 3)" in text
+    assert text.startswith("block 0.6 m wide, 1.8 m high, C = 0.9\n")
     about, table = without_remarks(tmp_path / "closed" / "critical.csv")
     # What was used by default is written, too: the numbers depend on it.
     assert {"# intensity: 0.15", "# half_cycles: 1.0 2.0 5.0 inf"} <= set(about)
@@ -606,7 +667,7 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
         capsys, "sensitivity", "--answer", "margin", *pulse, "--out", tmp_path / "out"
     )
     assert code == 0
-    assert text.startswith("by the nonlinear model")
+    assert "; by the nonlinear model\n" in text
     assert "\nmargin 0." in text
     assert "the tangent explains" in text
     assert "\nduration  " in text
@@ -614,7 +675,7 @@ def test_sensitivity_of_a_driven_answer(capsys, tmp_path):
 
 @pytest.mark.thorough
 def test_tolerance(capsys, tmp_path):
-    code, out, _ = run(capsys, "assess", "--tolerance", 1e-3, "--json")
+    code, out, _ = run(capsys, "assess", "--intensity", 0.15, "--tolerance", 1e-3, "--json")
     assert code == 0
     assert json.loads(out)["choice"]["level"] == "nonlinear"
     auto = ("--model", "auto", "--tolerance", 0.01, "--out", tmp_path / "auto")

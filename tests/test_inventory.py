@@ -1,5 +1,6 @@
 """An inventory: read, ranked, drawn, as a page; against closed forms of half-sine pulses."""
 
+import datetime
 import json
 import re
 
@@ -14,9 +15,16 @@ from scipy import optimize, stats
 from tools.command import run
 
 import jaxrock as jr
-from jaxrock.plot import plot_inventory
+from jaxrock.impact import bracket_assumed_restitution
+from jaxrock.plot import plot_inventory, plot_inventory_parts
 from jaxrock.reports import write_inventory_page
-from jaxrock.risk import Inventory, assess_inventory, read_inventory
+from jaxrock.risk import (
+    Inventory,
+    assess_inventory,
+    describe_required_width,
+    describe_years,
+    read_inventory,
+)
 
 pytestmark = pytest.mark.float64
 
@@ -45,8 +53,10 @@ def test_a_table_is_read(tmp_path):
     housner = 1 - 2 / 1.4 / 17
     np.testing.assert_allclose(inventory.restitution, [0.8, housner, 0.9], rtol=1e-14)
     assert inventory.uncertain == jr.Uncertain({"restitution": [0.05, 0, 0]}, samples=16)
-    remarks = ("", "Housner's restitution", "rocks over its depth, 0.45 m")
+    # What is exceptional: the width in the table is not the one that counts.
+    remarks = ("", "", "rocks over its depth, the shorter side of its base")
     assert inventory.remarks == remarks
+    assert inventory.restitution_assumed == (False, True, False)
     lines = str(inventory).splitlines()
     assert lines[0] == "3 objects"
     assert lines[3].split() == ["bust", "0.3", "1.2", "0.915966"]
@@ -87,12 +97,8 @@ def test_objects_at_a_wall_and_on_floors_are_read(tmp_path):
     # At a wall: (1 - (3/2) / 101)^2 (1 - (3/2) 100 / 101), of which the magnitude counts.
     wall = (1 - 1.5 / 101) ** 2 * (150 / 101 - 1)
     np.testing.assert_allclose(inventory.restitution, [1 - 1.5 / 17, wall, 0.6, 0.8])
-    assert inventory.remarks == (
-        "Housner's restitution",
-        "restitution at a wall by its size",
-        "",
-        "damping of its floor not given, 0.05 assumed",
-    )
+    assert inventory.remarks == ("", "", "", "damping of its floor not given, 0.05 assumed")
+    assert inventory.restitution_assumed == (True, True, False, False)
     assert str(inventory).splitlines()[3].split()[-2:] == ["yes", "0"]
 
 
@@ -138,7 +144,7 @@ def test_layouts(tmp_path, layout, encoding):
     assert inventory.names == ("vase", "bust")
     np.testing.assert_allclose(2 * inventory.block.half_width, [0.2, 0.3], rtol=1e-6)
     np.testing.assert_allclose(inventory.block.slenderness, [4.0, 4.0], rtol=1e-6)
-    assert inventory.remarks == ("Housner's restitution",) * 2
+    assert inventory.restitution_assumed == (True, True)
 
 
 @pytest.mark.parametrize(
@@ -432,16 +438,8 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
     suite = noise_site.suite
     # Samples that are a twentieth of the period apart.
     floors = [suite.on_floor(0.3, ratio, time_step=0.015) for ratio in (0.05, 0.1)]
-    groups = {
-        (0, 3): (suite, ""),
-        (1,): (
-            floors[0].both_directions(),
-            "against a wall: each record in both directions;"
-            " on a floor of period 0.3 s, damping 0.05",
-        ),
-        (2,): (floors[1], "on a floor of period 0.3 s, damping 0.1"),
-    }
-    for members, (motions, remark) in groups.items():
+    groups = {(0, 3): suite, (1,): floors[0].both_directions(), (2,): floors[1]}
+    for members, motions in groups.items():
         k = list(members)
         sizes = {"width": width[k], "height": height[k]}
         alone = Inventory(
@@ -464,11 +462,12 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
                 np.testing.assert_array_equal(
                     answer[variable], expected[variable].sel(object=name)
                 )
-            assert str(answer.remark.values).startswith(remark)
+            # The columns say where it stands.
+            assert "floor" not in str(answer.remark.values)
             assert bool(answer.one_sided) == one_sided[k[0]]
             assert float(answer.floor_period) == period[k[0]]
             assert np.isnan(answer.floor_damping) == (period[k[0]] == 0)
-    page = write_inventory_page(mixed, b"")
+    page = write_inventory_page(mixed, [])
     assert page.count("<td>0.3 (0.05)</td>") == 1
     assert page.count("<td>yes</td>") == 1
     ax = plot_inventory(mixed)
@@ -527,16 +526,184 @@ def test_picture(assessed):
 
 
 def test_page(assessed):
-    page = write_inventory_page(assessed, b"picture")
-    assert 'src="data:image/png;base64,cGljdHVyZQ=="' in page
+    page = write_inventory_page(assessed, [b"picture", b""])
+    assert page.count('src="data:image/png;base64,cGljdHVyZQ=="') == 1
+    assert page.count("<img ") == 2
     assert not re.search(r"https?:|<script|<link|@import|url\(", page)
-    rows = re.findall(r"<tr class=\"(\w+)\"><td>\d</td><td class=\"name\">(\w+)<", page)
+    rows = re.findall(r'<tr class="(\w+)"><td>\d</td><td class="name">(\w+)<', page)
     above = ["above" if rate > TARGET else "below" for rate in assessed.rate]
     assert rows == list(zip(above, assessed.object.values, strict=True))
+    # Heads of every table are repeated on each sheet, and no number leaves its unit.
+    assert page.count("<thead>") == page.count("<table") == 3
+    body = page.partition("<body>")[2]
+    assert not re.search(r"\d (m|s|m/s|years|1/yr|%)\b", body)
     strange = assessed.assign_coords(object=["<b>", "a & b", "c", "d"])
-    page = write_inventory_page(strange, b"")
+    page = write_inventory_page(strange, [], title="Room <3>", date=datetime.date(2026, 1, 2))
+    assert "<h1>Room &lt;3&gt;</h1>" in page
+    assert "2026-01-02. Target: overturns at most once in 83,333&nbsp;years." in page
     assert "&lt;b&gt;" in page
     assert "a &amp; b" in page
+
+
+def first_sentence(dataset):
+    (sentence,) = re.findall(r'<p class="first">(.*?)</p>', write_inventory_page(dataset, []))
+    return sentence.replace("&nbsp;", " ")
+
+
+def test_the_first_sentence_of_the_page(assessed):
+    names = [str(name) for name in assessed.object.values]
+
+    def with_target(rank, dataset=assessed):
+        """The dataset with a target that as many objects miss."""
+        rates = [*dataset.rate.values, 0.0]
+        target = (rates[rank - 1] + rates[rank]) / 2 if rank else 1.0
+        return dataset.assign_attrs(target=target)
+
+    none = "Nothing needs to be done: all objects overturn at most once in 1 years."
+    assert first_sentence(with_target(0)) == none
+    assert first_sentence(with_target(1)) == f"Fix or widen this one first: {names[0]}."
+    three = f"{names[0]}, {names[1]} and {names[2]}"
+    assert first_sentence(with_target(3)) == f"Fix or widen these three first: {three}."
+    twice = assessed.isel(object=[0, 0, 0, 1, 1, 2, 2, 3])
+    sentence = first_sentence(with_target(7, twice))
+    assert sentence.startswith("Fix or widen these five first: ")
+    assert sentence.endswith("; then 2 more.")
+    alone = assessed.isel(object=[0]).copy(deep=True)
+    alone["required_width"][0] = np.inf
+    assert first_sentence(with_target(1, alone)).startswith(
+        f"Fix it: {names[0]} overturns more"
+    )
+
+
+def test_records_and_hazard_stand_on_the_page(assessed):
+    named = assessed.assign_attrs(
+        record_source="records, not selected for this site", hazard="curve.csv"
+    )
+    page = write_inventory_page(named, []).replace("&nbsp;", " ")
+    assert "Hazard: curve.csv. Ground motions: records, not selected for this site.<" in page
+    ax = plot_inventory(named)
+    assert "not selected for this site" in ax.get_xlabel()
+    plt.close(ax.figure)
+
+
+def test_pictures_of_fifteen_objects(assessed):
+    many = assessed.isel(object=np.arange(31) % 4)
+    parts = plot_inventory_parts(many)
+    assert [len(ax.get_yticklabels()) for ax in parts] == [15, 15, 1]
+    assert len({ax.get_xlim() for ax in parts}) == 1
+    for ax in parts:
+        plt.close(ax.figure)
+
+
+@pytest.fixture(scope="module")
+def with_assumed():
+    """The objects again, of which two have an assumed restitution, one against a wall."""
+    housner = np.asarray(jr.housner_restitution(BLOCK))
+    inventory = Inventory(
+        NAMES,
+        BLOCK,
+        [0.85, housner[1], 0.85, housner[3]],
+        restitution_assumed=[False, True, False, True],
+    )
+    hazard = jr.Hazard([0.1, 2.0], [1e-1, 1e-4])
+    site = jr.Site(scenes.suite(), hazard, levels=np.geomspace(0.1, 2.0, 40))
+    return site, assess_inventory(inventory, site, NOISE_TARGET)
+
+
+def test_rates_at_both_ends_of_an_assumed_restitution(with_assumed):
+    site, dataset = with_assumed
+    for k, name in enumerate(NAMES):
+        answer = dataset.sel(object=name)
+        block = jr.Block(HALF_WIDTHS[k], SLENDERNESSES[k])
+        assert bool(answer.restitution_assumed) == (k in (1, 3))
+        if k not in (1, 3):
+            assert np.isnan(answer.rate_at_low_restitution)
+            assert " to " not in describe_years(answer)
+            continue
+        low, high = bracket_assumed_restitution(block)
+        assert float(answer.low_restitution) == float(low)
+        for coefficient, rate in ((low, "rate_at_low_restitution"), (high, "rate")):
+            expected = float(jr.overturning_rate(block, coefficient, site).rate)
+            assert float(answer[rate]) == pytest.approx(expected, rel=1e-3)
+    page = write_inventory_page(dataset, [])
+    assert page.count("(Housner&#x27;s, assumed)</td>") == 2
+    ax = plot_inventory(dataset)
+    labels = [text.get_text() for legend in ax.figure.legends for text in legend.get_texts()]
+    assert "with the low end of an assumed restitution" in labels
+    plt.close(ax.figure)
+
+
+def test_years_in_words(with_assumed):
+    _, dataset = with_assumed
+    answer = dataset.sel(object=NAMES[1]).copy(deep=True)
+    for rate, at_low, words in (
+        (9.1e-4, 5.1e-4, "1,100 to 2,000"),
+        (5e-4, 9.1e-4, "1,100 to 2,000"),
+        (5e-4, 5.01e-4, "2,000"),
+        (2e-3, 0.0, "500 or more"),
+        (0.0, 0.0, "never under these records"),
+    ):
+        answer["rate"] = rate
+        answer["rate_at_low_restitution"] = at_low
+        assert describe_years(answer) == words
+
+
+def test_the_edge_of_the_search_is_a_bound(assessed):
+    """A target that every width meets: what was examined is no need."""
+    inventory = Inventory(NAMES, BLOCK, 0.85)
+    site = jr.Site(pulses(50), HAZARD, spacing=0.1)
+    dataset = assess_inventory(inventory, site, 0.1, model="linearized")
+    answer = dataset.isel(object=0)
+    assert bool(dataset.required_width_is_bound.all())
+    edge = 0.5 * float(answer.width)
+    assert describe_required_width(answer) == f"<= {edge:.6g}"
+    assert str(answer.need.values) == "suffices"
+    assert not bool(assessed.required_width_is_bound.any())
+
+
+def test_a_target_that_is_a_return_period():
+    inventory = Inventory(NAMES, BLOCK, 0.85)
+    site = jr.Site(pulses(50), HAZARD, levels=[1.0, 2.0, 3.0])
+    sentence = "target is 475 1/yr, .* of 475 years was meant, the target is 0.00211 1/yr"
+    with pytest.warns(UserWarning, match=sentence):
+        assess_inventory(inventory, site, 475.0, model="linearized")
+
+
+def test_an_object_of_less_than_a_millimetre(tmp_path):
+    path = write(tmp_path, "name,width [mm],height [m]\nvase,0.3,0.8\n")
+    sentence = r"line 2: column 'width \[mm\]' has '0.3', a width of 0.3 mm; if another unit"
+    with pytest.warns(UserWarning, match=sentence):
+        read_inventory(path)
+
+
+def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, assessed):
+    """Its files are those that were assessed, and nothing is overwritten."""
+    calls = []
+
+    def take_known(inventory, site, target, **_):
+        calls.append((inventory, site, target))
+        return assessed
+
+    monkeypatch.setattr("jaxrock.cli.inventory.assess_inventory", take_known)
+    monkeypatch.chdir(tmp_path)
+    code, text, _ = run(capsys, "inventory", "example", "--out", "here", "--title", "Mine")
+    assert code == 0
+    inventory, site, target = calls[0]
+    assert target == 1 / 2475
+    assert read_inventory(tmp_path / "here" / "objects.csv").names == inventory.names
+    written = jr.read_hazard(tmp_path / "here" / "hazard.csv")
+    np.testing.assert_array_equal(written.rates, site.hazard.rates)
+    page = (tmp_path / "here" / "inventory.html").read_text(encoding="utf-8")
+    assert "<h1>Mine</h1>" in page
+    assert "Hazard: the one of the example, of no real place." in page
+    assert "its objects and its hazard are made up" in text
+    (command,) = re.findall(r"^ +jaxrock (.*)$", text, re.M)
+    code, _, err = run(capsys, "inventory", "example", "--out", "here")
+    assert (code, "exists; --force overwrites it" in err) == (2, True)
+    # The command that the text names works as it stands.
+    assert run(capsys, *command.split())[0] == 0
+    assert calls[1][0].names == inventory.names
+    assert calls[1][2] == 1 / 2475
 
 
 RECORDS = (("a", 0.2), ("b", 0.3))
@@ -561,7 +728,7 @@ def test_command(tmp_path, capsys, site):
     out = tmp_path / "out"
     code, text, _ = run(capsys, "inventory", *site, "--level", 1, "--out", out)
     assert code == 0
-    assert "of 3 objects overturn more often than 0.001 1/yr" in text
+    assert "of 3 objects overturn more often than 0.001 1/yr, once in 1,000 years, un" in text
     names = {f"inventory.{kind}" for kind in ("nc", "csv", "png", "html")}
     assert {path.name for path in out.iterdir()} == names
     expected = assess_inventory(

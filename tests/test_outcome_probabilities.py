@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 import pickle
+from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -465,8 +466,29 @@ def test_pictures_of_shares():
         "width at this height",
         "record",
     ]
+    indices = np.array([*found.first[0], *found.total[0]])
+    errors = np.array([*found.first_error[0], *found.total_error[0]])
+    # What noise hides has words instead of a bar.
+    is_known = (indices >= 2 * errors) & (errors < 0.25)
     np.testing.assert_allclose(
-        [bar.get_width() for bar in ax.patches], [*found.first[0], *found.total[0]]
+        [bar.get_width() for bar in ax.patches], np.where(is_known, indices, 0)
     )
+    assert len(ax.texts) == (~is_known).sum()
+    noisy = replace(found, total=np.full_like(found.total, 4.6), total_error=found.total + 9)
+    ax = plot_sobol_indices(noisy, "peak")
+    assert "within noise" in [text.get_text() for text in ax.texts]
+    assert ax.get_xlim()[1] < 1.2
+    assert "4.60" not in str(noisy)
     with pytest.raises(ValueError, match="answer must be one of peak, rocks"):
         plot_sobol_indices(found, "sways")
+
+
+def test_a_tornado_without_an_answer_is_a_sentence():
+    nothing = np.full(2, np.nan)
+    bars = jr.sensitivity.TornadoBars(
+        ("restitution", "scale"), np.ones(2), np.full(2, 2.0), nothing, nothing, np.nan
+    )
+    assert str(bars) == "has no value: the block overturns, also at both ends of every range"
+    ax = plot_tornado(bars)
+    assert not ax.patches
+    assert "there are no bars" in ax.texts[0].get_text()

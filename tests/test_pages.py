@@ -71,7 +71,7 @@ def compared(code, namespace):
         ("paper", 4),
         ("conformance", 0),
         ("one_sided", 4),
-        pytest.param("sharp_edges", 15, marks=pytest.mark.thorough),
+        pytest.param("sharp_edges", 17, marks=pytest.mark.thorough),
     ],
 )
 def test_code_gives_what_it_says(page, count):
@@ -201,10 +201,44 @@ def test_inverse_design(capsys):
         assert edge in printed
 
 
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_restitution(capsys):
+    first, second = re.findall(r"```python\n(.*?)```", TEXTS["restitution"], re.DOTALL)
+    namespace = {}
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        assert compared(first, namespace) == 4
+        exec(second, namespace)
+    table = re.search(r"```text\n(.*?)```", TEXTS["restitution"], re.DOTALL)[1]
+    shown, printed = (
+        [float(word) for word in re.findall(r"\d+\.?\d*", text)]
+        for text in (table, capsys.readouterr().out)
+    )
+    # Rates are sums over chaotic motions: other processors end some of them otherwise.
+    assert printed == pytest.approx(shown, rel=0.1)
+
+
+@pytest.mark.float64
+def test_one_block_is_what_the_command_prints_and_each_line_is_explained(capsys):
+    page = TEXTS["one_block"]
+    shown = re.findall(
+        r"```text\n(jaxrock [^\n]*)\n```[^`]*```text\n(.*?)```", page, re.DOTALL
+    )
+    assert len(shown) == 2
+    explained = " ".join(re.findall(r"^\| ([^|]+) \|", page, re.M))
+    for line, text in shown:
+        assert run_command(capsys, *shlex.split(line)[1:]) == (0, text, "")
+        labels = re.findall(r"^  (\S.*?) \[", text, re.M)
+        assert len(labels) > 9
+        for label in labels:
+            assert label in explained, label
+
+
 def test_all_code_is_run_by_a_test():
     tested = {"README", "getting_started", "records", "paper", "sharp_edges", "calibration"}
     tested |= {"suites", "driven_motion", "concepts", "sensitivities", "many_devices"}
     tested |= {"architecture", "conformance", "floors", "one_sided", "validation"}
+    tested |= {"restitution"}
     assert {page for page in TEXTS if code(page)} == tested
 
 

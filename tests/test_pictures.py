@@ -115,17 +115,20 @@ def test_probabilities_stand_at_their_levels_and_intervals_are_bands():
     curves = jr.fragility(jr.Block(0.1, 5.0), 0.8, suite, levels)
     ax = plot_fragility(curves)
     marks = [line for line in ax.get_lines() if line.get_linestyle() == "None"]
-    assert len(marks) == curves.threshold.size
     assert not ax.containers  # no bars
-    for k, (mark, band) in enumerate(zip(marks, ax.collections, strict=True)):
-        curve = curves.isel(threshold=k)
-        np.testing.assert_allclose(mark.get_xdata(), levels)
-        np.testing.assert_array_equal(mark.get_ydata(), curve.exceedance)
-        corners = band.get_paths()[0].vertices
-        third = corners[np.isclose(corners[:, 0], levels[2]), 1]
-        ends = float(curve.exceedance_low[2]), float(curve.exceedance_high[2])
-        np.testing.assert_allclose([third.min(), third.max()], ends)
-    assert "95% intervals (bands)" in ax.get_legend().get_title().get_text()
+    names = [text.get_text() for text in ax.get_legend().get_texts()]
+    # Thresholds with the same probabilities are drawn once, and the legend names them.
+    assert len(marks) == len(names) < curves.threshold.size
+    assert sum(name.count("\n") for name in names) == curves.threshold.size - len(names)
+    curve = curves.isel(threshold=-1)
+    np.testing.assert_allclose(marks[-1].get_xdata(), levels)
+    np.testing.assert_array_equal(marks[-1].get_ydata(), curve.exceedance)
+    (band,) = ax.collections
+    corners = band.get_paths()[0].vertices
+    third = corners[np.isclose(corners[:, 0], levels[2]), 1]
+    ends = float(curve.exceedance_low[2]), float(curve.exceedance_high[2])
+    np.testing.assert_allclose([third.min(), third.max()], ends)
+    assert "band: 95% interval of\noverturning" in ax.get_legend().get_title().get_text()
     assert find_clashes(ax.figure) == []
     # Of a single level there is no band: the interval is a line.
     (segment,) = (

@@ -5,6 +5,7 @@ import re
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -604,10 +605,14 @@ def test_boundaries_along_a_factor():
         "stands": [[2, 4], [8, 8.4]],
         "overturns": [[4, 8], [8.4, 20]],
     }
-    assert legend_of(ax) == ["stands", "overturns", "lifted from 2.5 on"]
+    assert legend_of(ax) == ["stands", "overturns", "lifts off from 2.5"]
     assert ax.get_xscale() == "log"
     # The window is too narrow for labels of both of its ends.
-    assert [text.get_text() for text in ax.texts] == ["4", "8.4"]
+    assert [text.get_text() for text in ax.texts] == [
+        "4",
+        "8.4",
+        "1 of 3 boundaries are not labelled",
+    ]
     low, high = ax.get_xlim()
     assert low < 2
     assert high > 20
@@ -627,7 +632,10 @@ def test_boundaries_along_a_width():
     assert legend_of(alone) == ["stands"]
     many = np.linspace(1, 2, 40)
     ax = plot_boundaries(windows(many), (0.5, 20.0), uplift=0.2)
-    places = sorted(text.xy[0] for text in ax.texts)
+    labels = [text for text in ax.texts if hasattr(text, "xy")]
+    places = sorted(text.xy[0] for text in labels)
+    missing = f"{40 - len(labels)} of 40 boundaries are not labelled"
+    assert missing in [text.get_text() for text in ax.texts]
     assert places[0] == 1
     assert places[-1] == 2
     assert np.diff(np.log(places)).min() > 0.025 * np.log(20 / 0.2)
@@ -746,3 +754,17 @@ def test_outcomes():
     assert other.get_xlabel() == "PGA [m/s²]"
     with pytest.raises(ValueError, match=r"^measure must be one of pgv, pga, got 'sa'$"):
         plot_outcomes(scores(), measure="sa")
+
+
+@pytest.mark.parametrize("name", jr.plot.__all__)
+def test_every_picture_says_what_it_is_drawn_of(name, monkeypatch):
+    # Without the types that the tests check, which would answer before the package does.
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    draw = getattr(jr.plot, name)
+    parameters = inspect.signature(draw).parameters.values()
+    # The parameters without a default: what is drawn, and perhaps more.
+    others = [None for parameter in parameters if parameter.default is parameter.empty][1:]
+    with pytest.raises(
+        ValueError, match=r"must be an? \w+, got 'a block'.*; .+ (gives|makes) one"
+    ):
+        draw("a block", *others)

@@ -20,7 +20,7 @@ from scipy import optimize, stats
 
 import jaxrock as jr
 from jaxrock.driven import follow_batch
-from jaxrock.risk.lognormal import fit_lognormal
+from jaxrock.risk.lognormal import BoundarySums, fit_lognormal, sum_powers
 from jaxrock.risk.objects import gather_objects
 from jaxrock.risk.outcome_table import Cases
 
@@ -90,68 +90,87 @@ def test_rates_too_small_for_normal_numbers():
         jr.Hazard([0.1, 0.3], [tiny, tiny / 10])
 
 
+def make_sums(boundaries, signs=1.0, below=0, above=0):
+    boundaries = np.atleast_1d(boundaries).astype(float)
+    return BoundarySums(
+        below, above, sum_powers(boundaries, np.broadcast_to(signs, boundaries.shape))
+    )
+
+
 @pytest.mark.parametrize(
-    ("levels", "counts", "trials"),
+    ("boundaries", "below", "above"),
     [
-        ([0.5, 1.0, 2.0, 4.0], [1, 4, 9, 10], 10),
-        ([0.5, 1.0, 2.0, 4.0], [3, 1, 6, 5], 10),
-        ([1.0, 2.0, 3.0, 4.0], [0, 10, 0, 10], 10),
-        ([1e-3, 1.0, 1e3], [1, 4, 9], 10),
-        ([1.0, 1.001, 1.002], [10, 40, 75], 80),
-        (np.geomspace(0.1, 3, 9), [0, 0, 1, 0, 2, 1, 3, 5, 4], 20),
+        ([0.6, 0.9, 1.4, 1.5], 0, 0),
+        ([0.6, 0.9, 1.4, 1.5], 0, 3),
+        ([0.6, 0.9, 1.4, 1.5], 2, 1),
+        ([0.51, 1.9], 0, 18),
+        ([1.0, 1.0, 1.0], 1, 0),
     ],
 )
-def test_lognormal_fit_maximizes_the_likelihood(levels, counts, trials):
-    levels = np.array(levels)
-    counts = np.array(counts)
-    fit = fit_lognormal(levels, counts, trials)
-    middle = np.log(levels).mean()
-    width = np.log(levels).std()
+def test_lognormal_fit_maximizes_the_likelihood(boundaries, below, above):
+    """Of densities at the boundaries, and of what is not seen beyond the ends."""
+    ends = (0.5, 2.0)
+    fit = fit_lognormal(make_sums(boundaries, below=below, above=above), ends)
 
-    def at(parameters):
-        return stats.norm.cdf(
-            (np.log(levels) - middle) / width * parameters[1] - parameters[0]
+    def compute_likelihood(parameters):
+        curve = stats.norm(parameters[0], np.exp(parameters[1]))
+        return (
+            curve.logpdf(np.log(boundaries)).sum()
+            + below * curve.logcdf(np.log(ends[0]))
+            + above * curve.logsf(np.log(ends[1]))
         )
 
-    found = optimize.minimize(
-        lambda parameters: -stats.binom.logpmf(counts, trials, at(parameters)).sum(),
-        [0.0, 1.0],
+    best = optimize.minimize(
+        lambda parameters: -compute_likelihood(parameters),
+        [np.log(fit.median) + 0.1, np.log(fit.dispersion) - 0.1],
         method="Nelder-Mead",
-        options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 2000, "maxfev": 2000},
+        options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 4000, "maxfev": 4000},
     )
-    np.testing.assert_allclose(fit.at(levels), at(found.x), atol=1e-6)
-    assert fit.median == pytest.approx(
-        np.exp(middle + found.x[0] / found.x[1] * width), rel=1e-5
-    )
-    assert fit.dispersion == pytest.approx(width / found.x[1], rel=1e-5)
+    assert fit.median == pytest.approx(np.exp(best.x[0]), rel=1e-5)
+    assert fit.dispersion == pytest.approx(np.exp(best.x[1]), rel=1e-5)
     assert fit.remark == ""
 
 
-def test_lognormal_fit_recovers_a_curve():
-    levels = np.geomspace(0.2, 5, 15)
-    probabilities = stats.norm.cdf(np.log(levels / 0.8) / 0.45)
-    fit = fit_lognormal(levels, np.round(1e9 * probabilities).astype(int), 10**9)
-    assert fit.median == pytest.approx(0.8, rel=1e-6)
-    assert fit.dispersion == pytest.approx(0.45, rel=1e-6)
+def test_a_fit_with_survival_windows_has_the_moments_of_the_counts():
+    """Mean and variance of ln(level), by the counted probability as a distribution."""
+    boundaries = [0.6, 1.1, 0.8, 0.9, 1.5]
+    signs = [1, 1, 1, -1, 1]
+    fit = fit_lognormal(make_sums(boundaries, signs), (0.5, 2.0))
+    x = np.linspace(np.log(0.5), np.log(2.0), 200_001)
+    probability = sum(s * (x > np.log(b)) for b, s in zip(boundaries, signs, strict=True)) / 3
+    mean = x[-1] - np.trapezoid(probability, x)
+    variance = x[-1] ** 2 - np.trapezoid(2 * x * probability, x) - mean**2
+    assert np.log(fit.median) == pytest.approx(mean, abs=1e-4)
+    assert fit.dispersion == pytest.approx(variance**0.5, rel=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("counts", "expected"),
+    ("sums", "ends", "expected"),
     [
-        ([0, 0, 0], (NAN, NAN, "never exceeded")),
-        ([5, 5, 5], (NAN, NAN, "always exceeded")),
-        ([0, 5, 5], (2.0, 0.0, "from none to all between two levels")),
-        ([0, 2, 5], (4.0, 0.0, "from none to all around one level")),
-        ([0, 0, 3], (NAN, NAN, "the levels end where exceedance begins")),
-        ([2, 2, 2], (NAN, NAN, "the probability does not increase with the level")),
-        ([4, 2, 1], (NAN, NAN, "the probability does not increase with the level")),
-        ([5, 5, 0], (NAN, NAN, "the probability does not increase with the level")),
+        (make_sums([], above=5), (1.0, 9.0), (NAN, NAN, "never exceeded")),
+        (make_sums([], below=5), (1.0, 9.0), (NAN, NAN, "always exceeded")),
+        (make_sums([2.0] * 5), (1.0, 9.0), (2.0, 0.0, "the same level under all records")),
+        (make_sums([2.0]), (1.0, 9.0), (2.0, 0.0, "a single record")),
+        (
+            make_sums([], below=2, above=3),
+            (4.0, 4.0),
+            (NAN, NAN, "one level is not enough for a curve"),
+        ),
+        (
+            make_sums([], below=2, above=3),
+            (1.0, 9.0),
+            (NAN, NAN, "the probability does not increase with the level"),
+        ),
+        (
+            make_sums([2.0, 3.0], [1, -1], above=5),
+            (1.0, 9.0),
+            (NAN, NAN, "the probability does not increase with the level"),
+        ),
     ],
 )
-def test_counts_without_a_curve(counts, expected):
-    levels = np.array([1.0, 4.0, 9.0])
-    fit = fit_lognormal(levels, np.array(counts), 5)
-    np.testing.assert_allclose(fit[:2], expected[:2], rtol=1e-15)
+def test_boundaries_without_a_curve(sums, ends, expected):
+    fit = fit_lognormal(sums, ends)
+    np.testing.assert_allclose(fit[:2], expected[:2], rtol=1e-14)
     assert fit.remark == expected[2]
     step = [0.0, 1.0] if fit.dispersion == 0 else [NAN] * 2
     np.testing.assert_array_equal(fit.at(np.array([1.9, 9.1])), step)
@@ -253,7 +272,7 @@ def test_an_incomplete_rate_names_the_record():
     answer = rate_of_pulses(SHAPE, RESTITUTION, site_of_pulses(400, levels=levels))
     assert not answer.complete
     assert str(answer).endswith(
-        "incomplete: record '1' overturns it at the lowest level, so that the rate may be more"
+        "incomplete: record '1' overturns it at the lowest level, so that the rate may be higher"
     )
     assert float(answer.contributions[0]) == pytest.approx(hazard(levels[0]), rel=1e-12)
     verges = np.array([float(verge("pgv", duration, *SHAPE)) for duration in DURATIONS[1:]])
@@ -305,6 +324,12 @@ def test_rate_under_a_hazard_with_zeros(move):
     assert float(answer.not_detected) >= 0 <= float(samples.not_detected)
 
 
+def lifted_by(suite):
+    """Logarithms of the PGV with which each record lifts the block, linearized."""
+    peak = np.array([np.abs(np.asarray(record.acceleration)).max() for record in suite])
+    return np.log(9.81 * np.arctan(0.25) * np.asarray(suite.measure("pgv")) / peak)
+
+
 @pytest.mark.thorough
 def test_fragility_of_pulses_is_a_staircase(eps):
     suite = pulses(200)
@@ -330,10 +355,42 @@ def test_fragility_of_pulses_is_a_staircase(eps):
             of_one.exceedance_high, np.where(counts < 3, high, 1), rtol=1e-9
         )
         assert str(of_one.remark.values) == ""
-        fit = fit_lognormal(curves.level.values, counts, 3)
-        assert (float(of_one.lognormal_median), float(of_one.lognormal_dispersion)) == fit[:2]
+        # Uplift is exact; other boundaries are located to 3e-3, at most half of it beside.
+        accuracy = 1e-12 if threshold == "uplift" else 1.5e-3
+        measured = lifted_by(suite) if threshold == "uplift" else np.log(at)
+        assert np.log(of_one.lognormal_median) == pytest.approx(measured.mean(), abs=accuracy)
+        assert float(of_one.lognormal_dispersion) == pytest.approx(
+            measured.std(), abs=accuracy
+        )
     assert (curves.exceedance.diff("threshold") <= 0).all()
     np.testing.assert_allclose(curves.factor, suite.factors(levels, "pgv"), rtol=4 * eps)
+
+
+def test_medians_of_located_boundaries():
+    """As bisected with `respond`; uplift exact; an inventory has the same."""
+    suite = pulses(50)[:2]
+    levels = np.geomspace(2.0, 60.0, 12)
+    options = {"measure": "pga", "thresholds": ["uplift", "overturning"]}
+    curves = jr.fragility(BLOCK, RESTITUTION, suite, levels, **options)
+    assert float(curves.lognormal_median[0]) == pytest.approx(9.81 / 4, rel=1e-12)
+    assert float(curves.lognormal_dispersion[0]) == 0
+    boundaries = []
+    for record, peak in zip(suite, np.asarray(suite.measure("pga")), strict=True):
+        low, high = 9.81 / 4, 60.0
+        while high / low > 1 + 1e-4:
+            middle = (low * high) ** 0.5
+            scaled = record.scaled(middle / peak)
+            overturned = jr.respond(BLOCK, RESTITUTION, scaled, 8.0).overturned
+            low, high = (low, middle) if overturned else (middle, high)
+        boundaries.append(np.log(low * high) / 2)
+    assert np.log(curves.lognormal_median[1]) == pytest.approx(np.mean(boundaries), abs=2e-3)
+    assert float(curves.lognormal_dispersion[1]) == pytest.approx(np.std(boundaries), abs=2e-3)
+    site = jr.Site(suite, jr.Hazard([2.0, 60.0], [1e-2, 1e-5]), "pga", levels)
+    block = jr.Block(*(np.array([number]) for number in SHAPE[:2]))
+    inventory = jr.risk.Inventory(["vase"], block, RESTITUTION)
+    assessed = jr.risk.assess_inventory(inventory, site, 1e-3)
+    medians = [float(assessed.uplift_intensity[0]), float(assessed["median"][0])]
+    np.testing.assert_allclose(medians, curves.lognormal_median, rtol=2e-3)
 
 
 def test_a_remark_says_where_exceedance_decreases():

@@ -6,6 +6,8 @@ method, over time, of a count.
 """
 
 import functools
+import re
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -149,3 +151,84 @@ def test_what_does_not_exist_has_no_derivative(name):
     np.testing.assert_allclose(backward, forward, rtol=1e-10)
     assert np.isfinite(backward).all()
     assert (np.asarray(backward)[~exist] == 0).all()
+
+
+PULSE = jr.HalfSine(4.0, 0.4)
+RECORD = jr.Record([0.0, 1.0, -1.0, 0.0], 0.1)
+SUITE = jr.Suite([RECORD])
+PAGE = Path(__file__).parent.parent / "docs" / "reference" / "index.md"
+
+
+def scene_of(c):
+    return jr.Scene(BLOCK, c, 0.15)
+
+
+# Functions of the page that are called otherwise than with a scene, as functions of C.
+CALLED_WITH = {
+    "Block": lambda c: jr.Block(c, 5.0).height,
+    "Scene": lambda c: scene_of(c).restitution,
+    "next_velocity": lambda c: jr.next_velocity(scene_of(c), 0.1),
+    "half_cycle_velocity": lambda c: jr.half_cycle_velocity(scene_of(c), 3),
+    "critical_intensity": lambda c: jr.critical_intensity(BLOCK, c),
+    "critical_restitution": lambda c: jr.critical_restitution(BLOCK, c),
+    "critical_slenderness": lambda c: jr.critical_slenderness(BLOCK, c, 0.15),
+    "critical_width": lambda c: jr.critical_width(BLOCK, c, 0.15),
+    "housner_restitution": lambda c: jr.housner_restitution(jr.Block(c, 5.0)),
+    "one_sided_restitution": lambda c: jr.one_sided_restitution(jr.Block(c, 5.0)),
+    "value_and_slopes": lambda c: jr.value_and_slopes(lambda x: 2 * x)(c)[0],
+    "pulsed_phase": lambda c: jr.pulsed_phase(BLOCK, c, PULSE).rotation_ratio,
+    "critical_pulsed_amplitude": lambda c: (
+        jr.critical_pulsed_amplitude(BLOCK, c, jr.HalfSine, 0.1).amplitude
+    ),
+    "harmonic_orbit": lambda c: jr.harmonic_orbit(BLOCK, c, 4.0, 4.0).peak_rotation,
+    "respond": lambda c: jr.respond(BLOCK, c, PULSE).peak_rotation,
+    "overturning_boundaries": lambda c: jr.overturning_boundaries(
+        BLOCK, c, PULSE, "amplitude", [1.0, 5.0]
+    ).value[0],
+    "critical_amplitude": lambda c: jr.critical_amplitude(BLOCK, c, jr.HalfSine, 0.4).value[0],
+    "critical_duration": lambda c: jr.critical_duration(
+        BLOCK, c, jr.HalfSine, 4.0, (0.01, 1.0)
+    ).value[0],
+    "respond_batch": lambda c: jr.respond_batch(BLOCK, c, PULSE).peak_rotation,
+    "respond_to_train": lambda c: (
+        jr.respond_to_train(BLOCK, c, [0.0, 0.5], [0.3, -0.3]).peak_rotation
+    ),
+    "respond_within": lambda c: jr.respond_within(BLOCK, c, PULSE, 1e-3).error,
+    "worst_train": lambda c: jr.worst_train(BLOCK, c, 3).intensities[0],
+    "choose": lambda c: jr.choose(scene_of(c), 1e-3).index,
+    "sensitivities": lambda c: jr.sensitivities(jr.rotation_ratio, scene_of(c)).value,
+    "tornado": lambda c: (
+        jr.tornado(jr.rotation_ratio, scene_of(c), {"restitution": (0.6, 0.8)}).value
+    ),
+    "survival_windows": lambda c: jr.survival_windows(BLOCK, c, PULSE, (0.1, 5.0)),
+    "resonance_spectrum": lambda c: jr.resonance_spectrum([3.0], [0.4], c, 0.15),
+    "rocking_spectrum": lambda c: jr.rocking_spectrum(RECORD, [2.0], [5.0], c),
+    "harmonic_spectrum": lambda c: jr.harmonic_spectrum([3.0], [1.0], restitution=c),
+    "fragility": lambda c: jr.fragility(BLOCK, c, SUITE),
+}
+ROWS = re.findall(r"^\| (`.+) \| (\w+) \| (\w+) \| (\w+) \|$", PAGE.read_text(), re.MULTILINE)
+STATED = {name: marks for names, *marks in ROWS for name in re.findall(r"`(\w+)`", names)}
+# Tracing the loops of these takes seconds.
+SLOW = ("pulsed_phase", "critical_pulsed_amplitude", "respond", "critical_duration")
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.thorough] * (n in SLOW)) for n in STATED]
+)
+def test_the_page_says_which_transformations_work(name):
+    """Traced only, which shows it: nothing is compiled."""
+    function = CALLED_WITH.get(name, lambda c: getattr(jr, name)(scene_of(c)))
+    transformed = {
+        "jit": lambda: jax.eval_shape(function, 0.7),
+        "vmap": lambda: jax.eval_shape(jax.vmap(function), jnp.full(2, 0.7)),
+        "grad": lambda: jax.make_jaxpr(jax.grad(function))(0.7),
+    }
+    for transform, mark in zip(transformed, STATED[name], strict=True):
+        if mark == "yes":
+            transformed[transform]()
+            continue
+        with pytest.raises(ValueError, match=r"must be concrete here|in forward mode only"):
+            transformed[transform]()
+    if STATED[name][2] == "forward":
+        jax.make_jaxpr(jax.jacfwd(function))(0.7)

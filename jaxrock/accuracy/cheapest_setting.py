@@ -20,7 +20,9 @@ from ..validation import (
     Reals,
     as_real,
     check,
+    check_concrete,
     check_kind,
+    describe,
     is_traced,
 )
 from .model_errors import Answers, ModelError, model_error
@@ -100,7 +102,7 @@ class Choice(Printed, eqx.Module):
             return "\n".join([*lines, f"{beyond:6} of them beyond {self.tolerance:g}"])
         verdict = f"{self.setting}: off by at most {float(self.error):.1e}"
         if not self.within_tolerance:
-            verdict = f"nothing on offer keeps {self.tolerance:g}; the best is {verdict}"
+            verdict = f"no setting is within {self.tolerance:g}; the best is {verdict}"
         return "\n".join([verdict, *self.reasons])
 
 
@@ -149,12 +151,13 @@ def choose(
     >>> print(jr.choose(wall, 0.01).setting)
     linearized in float32
     """
+    check_concrete((scene, tolerance, shape, duration), "the choice depends on the answers")
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     tolerance = float(tolerance)
     if isinstance(scene, DrivenScene):
         if shape is not None:
             raise ValueError(
-                "shape goes with a Scene; the motion of a DrivenScene has its own"
+                "shape must be left out for a DrivenScene, whose motion has a shape of its own"
             )
         return _choose_rtol(scene, tolerance)
     check_kind("scene", scene, Scene, DrivenScene)
@@ -193,7 +196,7 @@ def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
     causes = {"linearizing": predicted.linearization}
     if shape is not None:
         causes["taking the pulses as instantaneous"] = predicted.duration
-        causes["not knowing that better"] = predicted.duration_bound
+        causes["the uncertainty of that estimate"] = predicted.duration_bound
     causes["float32 at most"] = predicted.rounding["nonlinear"][32]
     lines: list[str] = []
     for cause, errors in causes.items():
@@ -218,7 +221,7 @@ def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     motion = scene.motion
     if not isinstance(motion, Pulse | Harmonic | Record):
         raise ValueError(
-            f"motion must be a pulse, a Harmonic or a Record, got a {type(motion).__name__}"
+            f"motion must be a pulse, a Harmonic or a Record, got {describe(motion)}"
         )
     within = respond_within(scene.block, scene.restitution, motion, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)

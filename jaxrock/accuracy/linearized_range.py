@@ -30,7 +30,7 @@ def is_linearized_enough(scene: Scene, tolerance: Number) -> Booleans:
     allowed = jnp.asarray(tolerance, over.dtype) - 16 * float(jnp.finfo(over.dtype).eps)
 
     def is_enough(x: Reals) -> Booleans:
-        """Tell whether it is enough at a velocity in units of the critical one."""
+        """Return whether it is enough at a velocity in units of the critical one."""
         sides = ((linearized, x * over), (nonlinear, x))
         ratios = (model._rotation_ratio(block, v) for model, v in sides)
         durations = (model._half_cycle_duration(block, v, x * single) for model, v in sides)

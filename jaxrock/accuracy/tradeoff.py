@@ -52,7 +52,7 @@ _LONG_NAMES = {
     "seconds": "time per answer, median",
     "spread": "between the quartiles of the time, relative",
     "compilation": "time of the first call, with compilation",
-    "behind": "time over that of the fastest that is no less accurate",
+    "behind": "time over the time of the fastest setting that is as accurate",
     "front": "1 on the front of its batch",
     "front_of_level": "1 on the front of its batch and level",
 }
@@ -150,7 +150,7 @@ class Tradeoff(Printed):
             values = set(rows[dial]) - {"-"}
             never = sorted(values - set(rows[dial][rows[front] == 1]))
             if 0 < len(never) < len(values):
-                lines.append(f"never pays: {name} {', '.join(map(str, never))}")
+                lines.append(f"never the fastest: {name} {', '.join(map(str, never))}")
         return lines
 
     def __str__(self) -> str:
@@ -197,16 +197,18 @@ def measure_tradeoff(
     instantaneous, in closed form. Progress is shown if standard error is a terminal.
     """
     if jnp.result_type(float) != jnp.float64:
-        raise ValueError("JAX must be set to 64 bits to measure what less costs")
+        raise ValueError(
+            "JAX must be set to 64 bits, with which lower precisions are compared"
+        )
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1, got {repeats}")
     scene = make_default_scene() if scene is None else scene
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((scene.block, scene.restitution))):
-        raise ValueError("scene must be a single one")
+        raise ValueError("scene must be a single scene, got arrays of numbers")
     # The truth first: a scene that does not rock is refused before anything else compiles.
     truth, floor = _compute_truth(scene)
     if not (np.isfinite(truth) & (truth > 0)).all():
-        raise ValueError("scene must be one in which the block rocks and stands")
+        raise ValueError("scene must be one in which the block rocks and does not overturn")
     rows: list[dict[str, object]] = []
     calls: list[Callable[[], object]] = []
     for dials in show_progress(_list_settings(scene), "compiling"):
@@ -215,7 +217,9 @@ def measure_tradeoff(
         calls.append(functools.partial(answer, timed[0]))
         begin = time.perf_counter()
         answers = np.stack(
-            [answer(varied_scene) for varied_scene in sample], axis=-1, dtype=float
+            [answer(varied_scene) for varied_scene in show_progress(sample, dials.label)],
+            axis=-1,
+            dtype=float,
         )
         jax.block_until_ready(calls[-1]())
         compilation = time.perf_counter() - begin

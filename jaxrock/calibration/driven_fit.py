@@ -25,11 +25,12 @@ from ..validation import (
     as_real,
     as_text,
     check,
+    check_concrete,
     check_increasing,
     check_kind,
     unify_precision,
 )
-from .least_squares import Values, check_concrete
+from .least_squares import OUTSIDE, Values
 from .shaking_measurement import (
     RESTITUTIONS,
     ShakingTest,
@@ -92,11 +93,13 @@ class DrivenFit(Printed, eqx.Module):
         if status:
             sentences.append(status)
         if not bool(self.same_order):
-            sentences.append("impacts come in another order than measured before the end")
+            sentences.append(
+                "before the end, computed impacts come in another order than measured ones"
+            )
         if float(self.used_until) < float(self.last_time):
             sentences.append(
-                f"beyond {float(self.used_until):.4g} s the computed motion goes another way or"
-                " hangs on too little: only what is before counts"
+                f"beyond {float(self.used_until):.4g} s the computed motion departs from the"
+                " measured one or is too sensitive: later measurements are not used"
             )
         return tuple(sentences)
 
@@ -217,7 +220,7 @@ def _check_test(
         is_known = isinstance(name, str) and name in _PARAMETERS
         if not is_known or parameters.count(name) > 1:
             allowed = ", ".join(_PARAMETERS)
-            raise ValueError(f"parameters must be different ones of {allowed}, got {name!r}")
+            raise ValueError(f"parameters must be different names of {allowed}, got {name!r}")
     # Arguments that are not given have a value that passes the checks.
     times = as_real("time", time, unit="s")
     angles = as_real("rotation", rotation, unit="rad")
@@ -226,10 +229,10 @@ def _check_test(
     speed = as_real("initial_velocity", initial[1], unit="rad/s")
     size = as_real("rotation_noise", 1.0 if noise is None else noise, unit="rad")
     tree = (times, angles, start, (first, speed), size, block, motion)
-    check_concrete(tree)
+    check_concrete(tree, OUTSIDE)
     if times.ndim != 1 or times.size < 2 or angles.shape != times.shape:
         raise ValueError(
-            "time and rotation must be one-dimensional, of one length of at least 2,"
+            "time and rotation must be one-dimensional and equally long, with at least 2 values,"
             f" got shapes {times.shape} and {angles.shape}"
         )
     check("time", times, NON_NEGATIVE)
@@ -241,7 +244,7 @@ def _check_test(
     if counts.sum() <= len(parameters):
         least = len(parameters) + 1
         raise ValueError(
-            f"rotation must be known at {least} times at least, got {counts.sum()}"
+            f"rotation must have at least {least} known values, got {counts.sum()}"
         )
     # The rest in the library's words for wrong values.
     check("restitution", start, UNIT_INTERVAL)

@@ -116,9 +116,7 @@ class FreeRockingFit(Printed, eqx.Module):
                 " frequency_known=False fits it"
             )
         if float(self.standard_errors["frequency_parameter"]) > 0.5 * self.frequency_parameter:
-            sentences.append(
-                "p cannot be told from these measurements: the block has to be given"
-            )
+            sentences.append("these measurements do not determine p: give the block")
         return tuple(sentences)
 
     def __str__(self) -> str:

@@ -31,8 +31,8 @@ _ROUNDS = 6  # in which the noises of times and rotations are found beside each 
 # order are 1 / sqrt(12) = 0.29 of a half-cycle off.
 _ROUGH = 0.25
 _NO_SUCH_MOTION = (
-    "{} must be of a block that rocks freely; no such motion was found (are times in seconds,"
-    " rotations in radians?)"
+    "{} must be those of free rocking, but no such motion fits them: check that times are in"
+    " seconds and rotations in radians"
 )
 
 
@@ -128,8 +128,8 @@ def fit_free_rocking(
     notes = _list_notes(measured, block, result) + _compare_models(measured, block, result)
     if math.exp(log_chance_unrepaired) < OTHER_BLOCK:
         notes += (
-            "before anything was repaired, another p, or a C that changes, explained the times"
-            f" better (p-value {math.exp(log_chance_unrepaired):.2g}); repair=False shows it",
+            "before the repairs, another p or a changing C explained the times better (p-value"
+            f" {math.exp(log_chance_unrepaired):.2g}); repair=False shows that fit",
         )
     return _make_free_rocking_fit(result, measured, block, repairs, notes)
 
@@ -192,7 +192,7 @@ def _list_notes(
             are = "peak rotation is" if above == 1 else "peak rotations are"
             notes.append(
                 f"{above} {are} at or above the critical angle of this block, {angle:.4g} rad,"
-                " from which none comes back: it is another block, or they are not in rad"
+                " beyond which the block overturns: check the block, and that rotations are in rad"
             )
     freedom = result.about.freedom
     there = measured.times.size > 1, measured.peaks.size > 0
@@ -321,8 +321,8 @@ def _refuse(result: _SearchResult, measured: Measured) -> None:
     # A nearly elastic block may come out a little above 1, by the noise alone.
     if restitution - 2 * error > 1:
         raise ValueError(
-            f"{name} must be of a motion that decays, got one in which each launch is"
-            f" {restitution:.4g} times the one before"
+            f"{name} must be those of a decaying motion, got one in which each launch velocity"
+            f" is {restitution:.4g} times the previous one"
         )
     # There is a nearest motion to any times: the noise says whether it is near.
     if measured.times.size > 1:
@@ -330,6 +330,6 @@ def _refuse(result: _SearchResult, measured: Measured) -> None:
         typical = float(np.median(np.diff(measured.times[measured.time_counts])))
         if noise > _ROUGH * typical:
             raise ValueError(
-                f"impact_times must be of a block that rocks freely: they are {noise:.2g} s off"
-                f" the nearest such motion, and half-cycles last {typical:.2g} s"
+                f"impact_times must be those of free rocking, but they differ by {noise:.2g} s"
+                f" from the nearest such motion, whose half-cycles last {typical:.2g} s"
             )

@@ -13,11 +13,12 @@ from ..validation import (
     Numbers,
     as_real,
     check,
+    check_concrete,
     check_increasing,
     check_kind,
 )
 from .free_rocking_motion import ANGLE, FREQUENCY, Known, Measured, Noises
-from .least_squares import Values, check_concrete
+from .least_squares import OUTSIDE, Values
 
 _ANY_SHAPE = 5.0  # slenderness where none is known: the linearized equation has no shape
 
@@ -35,7 +36,7 @@ def check_measurements(
     given = [part for part in (times, peaks) if part is not None]
     if not given:
         raise ValueError("impact_times or peak_rotations must be given, got neither")
-    check_concrete(given)
+    check_concrete(given, OUTSIDE)
     for name, values in (("impact_times", times), ("peak_rotations", peaks)):
         if values is not None and values.ndim != 1:
             raise ValueError(
@@ -43,7 +44,8 @@ def check_measurements(
             )
     if times is not None and peaks is not None and peaks.size != times.size - 1:
         raise ValueError(
-            f"peak_rotations must be one less than impact_times, {times.size - 1}, got {peaks.size}"
+            f"peak_rotations must have one value less than impact_times, {times.size - 1},"
+            f" got {peaks.size}"
         )
     # Peaks without times get one dummy time of weight 0, so that arrays are never empty.
     t = _as_float(times, 1)
@@ -104,10 +106,10 @@ def gather_known(
             "block must be given for the nonlinear model, which depends on its shape"
         )
     if block is None and not timed:
-        raise ValueError("block must be given with peak_rotations alone, got None")
+        raise ValueError("block must be given where only peak_rotations are, got None")
     if block is not None:
         check_kind("block", block, Block)
-        check_concrete(block)
+        check_concrete(block, OUTSIDE)
     # In the order of `NUMBERS`. Durations alone know no critical angle, peaks alone no p, and
     # a change of C is fitted beside, never at first.
     free = [timed, True, True, timed and (block is None or not frequency_known)]
@@ -128,7 +130,7 @@ def gather_known(
         name, given = ("impact_times", of_times) if timed else ("peak_rotations", of_peaks)
         least = unknowns + 1 - (of_peaks if timed else 0)
         raise ValueError(
-            f"{name} must be at least {least} to fit {unknowns} numbers, got {given}"
+            f"{name} must have at least {least} values to fit {unknowns} parameters, got {given}"
         )
     shape = Block(0.2, _ANY_SHAPE) if block is None else block
     # At once to the device, in the precision of the measurements: one program for all tests.
@@ -157,7 +159,7 @@ def choose_noises(
         array = as_real(
             name, (0.01 * guess if guess > 0 else 1.0) if value is None else value, unit=unit
         )
-        check_concrete(array)
+        check_concrete(array, OUTSIDE)
         check(name, array, POSITIVE)
         if array.ndim:
             raise ValueError(f"{name} must be one number, got an array of shape {array.shape}")

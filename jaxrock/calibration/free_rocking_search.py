@@ -90,7 +90,7 @@ def estimate_rounding(dtype: DTypeLike) -> float:
 
 
 def is_minimum(fit: Fitted, measured: Measured, known: Known, noises: Noises) -> bool:
-    """Tell whether a further Gauss-Newton step is far below the standard errors, or rounding.
+    """Return whether a further Gauss-Newton step is far below the standard errors, or rounding.
 
     The projection of the residuals onto the columns of the Jacobian, over the standard
     deviation of a residual, is the length of that step in standard errors. A search may also

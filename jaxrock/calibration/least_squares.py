@@ -10,10 +10,8 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, PyTree
+from jaxtyping import Bool, Float, Int
 from typing_extensions import TypeAliasType
-
-from ..validation import is_traced
 
 Values = TypeAliasType("Values", Float[np.ndarray, "..."])
 Flags = TypeAliasType("Flags", Bool[np.ndarray, "..."])
@@ -33,20 +31,16 @@ _LEAST_DAMPING = 1e-13
 _MOST_DAMPING = 1e6  # steps are then about a millionth of Gauss-Newton steps
 
 
+# Why no argument of a fit may be traced.
+OUTSIDE = "a fit is made outside of jit and vmap"
+
+
 class Least(NamedTuple):
     """The best numbers of each set, the residuals there, and their derivatives."""
 
     numbers: Float[np.ndarray, "sets numbers"]
     residuals: Float[np.ndarray, "sets measurements"]
     jacobian: Float[np.ndarray, "sets measurements numbers"]
-
-
-def check_concrete(tree: PyTree) -> None:
-    """Raise `ValueError` if any of the numbers is traced."""
-    if is_traced(tree):
-        raise ValueError(
-            "arguments must be concrete here: a fit is made outside of jit and vmap"
-        )
 
 
 def minimize(

@@ -88,7 +88,9 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
             reason = f"a time after {times[k - 1]:.10g} s was expected, got {times[k]:.10g} s"
             raise table.text.error(reason, rows[k].line)
     if times.size > _FEW and np.ptp(np.diff(times)) < 1e-3 * (times[1] - times[0]):
-        reason = "times of impacts were expected, whose distances shrink, got times of samples"
+        reason = (
+            "times of impacts were expected, whose distances shrink, got evenly spaced times"
+        )
         raise table.text.error(f"{reason}, {times[1] - times[0]:.6g} s apart", rows[0].line)
     if not heads:
         _refuse_unclear(table, rows, times)

@@ -181,7 +181,7 @@ class Stage(NamedTuple):
     converged: bool
 
     def continues(self, last: "Stage") -> bool:
-        """Tell whether the fit follows the motion of the part before, and says something."""
+        """Return whether the fit follows the motion of the part before, and says something."""
         # After a part that was too short to fit, any part that is fitted is a beginning.
         if not self.converged or not last.converged:
             return self.converged
@@ -190,7 +190,7 @@ class Stage(NamedTuple):
         return self.misfit <= _ROUGHER * last.misfit + _EXACT and bool(near.all())
 
     def is_better_than(self, other: "Stage") -> bool:
-        """Tell whether this is the better one of two fits to the same part."""
+        """Return whether this is the better one of two fits to the same part."""
         if self.converged != other.converged:
             return self.converged
         return not self.misfit >= other.misfit
@@ -265,7 +265,7 @@ def _is_straight(
     rotation: Values,
     slope: Values,
 ) -> bool:
-    """Tell whether a change of one standard error does what the derivative says."""
+    """Return whether a change of one standard error does what the derivative says."""
     # Where a standard error changes the motion otherwise than its derivative does, least
     # squares says nothing about errors, and nothing about where to go: impacts come in another
     # order, or small changes have grown too much.

@@ -1,6 +1,7 @@
 """Answers of commands: what they print, and what their files say of them."""
 
 import dataclasses
+import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -76,6 +77,7 @@ def describe_options(
             described |= dataclasses.asdict(value)
             described["slenderness"] = float(value.block.slenderness)
             described["restitution"] = value.coefficient
+            described["restitution_assumed"] = value.restitution is None
         elif dataclasses.is_dataclass(value) and not isinstance(value, type):
             described |= dataclasses.asdict(value)
         else:
@@ -110,11 +112,13 @@ def list_rows(columns: Mapping[str, Sequence[object]]) -> list[dict[str, object]
     ]
 
 
-def save_picture(drawn: "matplotlib.axes.Axes | matplotlib.figure.Figure", path: Path) -> None:
+def save_picture(
+    drawn: "matplotlib.axes.Axes | matplotlib.figure.Figure", file: Path | io.BytesIO
+) -> None:
     """Write a figure, or the one that axes belong to, to a file."""
     import matplotlib.pyplot as plt
 
     figure: Any = drawn.figure
-    figure.savefig(path, dpi=150)
+    figure.savefig(file, dpi=150)
     # pyplot keeps every figure until it is closed.
     plt.close(figure)

@@ -39,7 +39,7 @@ def assess(
         refuse("--intensity", tolerance=tolerance)
         answers = assessment.assess_block(block, c)
     else:
-        warn_of_intensity([intensity])
+        warn_of_intensity(intensity)
         if tolerance is not None:
             check("tolerance", tolerance, POSITIVE)
         answers = assessment.assess(resonance.Scene(block, c, intensity), tolerance)

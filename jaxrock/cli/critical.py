@@ -49,10 +49,11 @@ def critical(
 ) -> Answer:
     """Find the limits at which a block overturns, under timed pulses, a longer one or a record.
 
-    Without a pulse or a record: critical intensities in closed form, by both equations, and
-    the sizes and the restitution with which the given intensity just overturns. With one: what
-    lifts the block, and every boundary between standing and overturning along a quantity.
-    Writes critical.csv and critical.png if given a folder.
+    Without a pulse or a record, it computes critical intensities in closed form, by both
+    equations, and the sizes and the restitution with which the given intensity just overturns
+    the block. With a pulse or a record, it finds what lifts the block, and every boundary
+    between standing and overturning along a quantity. Writes critical.csv and critical.png if
+    given a folder.
 
     Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
 
@@ -64,8 +65,8 @@ def critical(
         Numbers of half-cycles in which instantaneous pulses are to overturn the block. 1, 2, 5
         and inf if not given.
     along
-        Quantity to seek instead of giving it; by default a pulse's amplitude, a record's
-        factor.
+        Quantity whose boundaries are sought. By default the amplitude of a pulse, or the
+        factor on a record.
     values
         Values to examine. If not given, factors of 1 to 50 times uplift, or amplitudes of 1 to
         10 times uplift, and of 10 to 100 if there is no boundary among these.
@@ -75,14 +76,12 @@ def critical(
         Folder for critical.csv and critical.png; none is written if not given.
     """
     options = dict(locals())
-    block = block_options.block
-    c = block_options.coefficient
     search = None
     pulse = 0.15 if intensity is None else intensity
     counts = (1.0, 2.0, 5.0, math.inf) if half_cycles is None else half_cycles
     if motion_options.given:
         refuse_beside("--pulse or --record", intensity=intensity, half_cycles=half_cycles)
-        search = plan_search(block, c, motion_options, along, values, model)
+        search = plan_search(block_options, motion_options, along, values, model)
     else:
         refuse("--pulse or --record", along=along, values=values, model=model)
         motion_options.refuse_all("--pulse or --record")
@@ -95,11 +94,20 @@ def critical(
     if out is not None:
         writing = write_whole("out", out, _FILES, output.force)
     with writing as folder:
-        limits = find_limits(search) if search else compute_limits(block, c, pulse, counts)
+        limits = (
+            find_limits(search) if search else compute_limits(block_options, pulse, counts)
+        )
         if folder is not None:
             about = describe_options("critical", options)
             write_csv(folder / "critical.csv", limits.columns, _UNITS, about)
-            save_picture(limits.draw(), folder / "critical.png")
+            picture = limits.draw()
+            if search:
+                picture.figure.suptitle(search.title, fontsize="medium")
+            save_picture(picture, folder / "critical.png")
     files = [] if out is None else [out / name for name in _FILES]
     data = {"rows": list_rows(limits.columns), **limits.data}
-    return Answer(limits.text, data, output, files)
+    # Where the restitution is sought, the one that is given does not matter.
+    text = limits.text
+    if along != "restitution":
+        text = f"{block_options.restitution_text}\n{text}"
+    return Answer(text, data, output, files)

@@ -20,7 +20,7 @@ from ..overturning import (
 )
 from .critical_pulses import Limits
 from .motion_options import MotionOptions
-from .options import Grid, ModelName, read_numbers, refuse, write_option
+from .options import BlockOptions, Grid, ModelName, read_numbers, refuse, write_option
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -57,17 +57,22 @@ class BoundarySearch(NamedTuple):
     along: Quantity
     values: np.ndarray | None
     model: ModelName
+    title: str
 
 
 def plan_search(
-    block: Block,
-    restitution: float,
+    block_options: BlockOptions,
     options: MotionOptions,
     along: Quantity | None,
     values: Grid | None,
     model: ModelName | None,
 ) -> BoundarySearch:
     """Plan the search: the motion, the quantity, the values to examine."""
+    block = block_options.block
+    restitution = block_options.coefficient
+    title = f"{block_options.scene_text}; {options.text}"
+    if options.pulse and options.pulse_duration is not None:
+        title += f" of {options.pulse_duration:g} s"
     along = along or ("amplitude" if options.pulse else "factor")
     if along in ("amplitude", "duration"):
         name = "amplitude" if along == "amplitude" else "pulse_duration"
@@ -77,8 +82,8 @@ def plan_search(
             )
         if getattr(options, name) is not None:
             raise ValueError(
-                f"{write_option(name)} is sought, got {getattr(options, name):g}: leave it out, or"
-                " seek another quantity with --along"
+                f"{write_option(name)} is sought, got {getattr(options, name):g}: leave it"
+                " out, or seek another quantity with --along"
             )
         if along == "amplitude":
             refuse("--amplitude and --along", scale=options.scale)
@@ -93,12 +98,14 @@ def plan_search(
         raise ValueError(
             f"--values must be given with --along {along}, such as --values START:STOP:COUNT"
         )
-    return BoundarySearch(block, restitution, motion, along, examined, model or "nonlinear")
+    return BoundarySearch(
+        block, restitution, motion, along, examined, model or "nonlinear", title
+    )
 
 
 def find_limits(search: BoundarySearch) -> Limits:
     """Find the boundaries of overturning, and what lifts the block; describe both."""
-    block, restitution, motion, along, values, model = search
+    block, restitution, motion, along, values, model, _ = search
     # The motion has 1 m/s2 where the amplitude is sought: this factor is the amplitude then.
     uplift = float(uplift_factor(block, motion, model=model))
     if values is not None:
@@ -153,7 +160,7 @@ def _write_lines(
 ) -> list[str]:
     """Write what lifts the block, what stays along a side, the boundaries, the range."""
     along = search.along
-    lines = [_describe_uplift(along, uplift)]
+    lines = [search.title, _describe_uplift(along, uplift)]
     if along in SIDES:
         side = "height" if along == "width" else "width"
         lines.append(f"{SIZES_IN_WORDS[along]} of {getattr(search.block, side):.6g} m")
@@ -161,24 +168,23 @@ def _write_lines(
         lines.append(f"{SIZES_IN_WORDS[along]} of {search.block.slenderness:.6g}")
     listed = _shorten(str(boundaries))
     if search.values is not None:
-        hint = "" if boundaries.count else "; --values takes others"
+        hint = "" if boundaries.count else "; --values examines others"
         return [*lines, f"{listed}{hint}"]
     end = f"{ends[1]:.4g} m/s2" if along == "amplitude" else f"factor {ends[1]:.4g}"
     end = f"{end}, {ends[1] / uplift:.3g} times uplift"
     if boundaries.count:
-        return [*lines, listed, f"examined up to {end}"]
-    return [*lines, f"stands up to {end}; --values takes others"]
+        return [*lines, listed, f"the search ended at {end}"]
+    return [*lines, f"the block stands up to {end}; --values examines others"]
 
 
 def _describe_uplift(along: str, uplift: float) -> str:
     """Describe what lifts the block: an amplitude where it is sought, else a factor."""
     if math.isinf(uplift):
-        return "never lifted, with any factor on the motion"
+        return "no factor on the motion lifts the block"
     if along == "amplitude":
-        return f"lifted from {uplift:.4g} m/s2 on"
-    if along == "factor":
-        return f"lifted from factor {uplift:.4g} on"
-    return f"the block as given is lifted from factor {uplift:.4g} on the motion on"
+        return f"the pulse lifts the block once its amplitude is {uplift:.4g} m/s2 or more"
+    lifts = f"lifts once the motion is multiplied by {uplift:.4g} or more"
+    return f"the block {lifts}" if along == "factor" else f"the block as given {lifts}"
 
 
 def _shorten(text: str) -> str:

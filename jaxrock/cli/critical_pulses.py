@@ -14,6 +14,7 @@ from ..resonance import (
     critical_width,
 )
 from ..validation import Reals
+from .options import BlockOptions
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -48,9 +49,11 @@ class Limits(NamedTuple):
 
 
 def compute_limits(
-    block: Block, restitution: float, intensity: float, half_cycles: Sequence[float]
+    options: BlockOptions, intensity: float, half_cycles: Sequence[float]
 ) -> Limits:
     """Compute what overturns a block in each number of half-cycles, by both equations."""
+    block = options.block
+    restitution = options.coefficient
     cases = list(itertools.product(half_cycles, ("linearized", "nonlinear")))
     columns: dict[str, Sequence[object]] = {
         "half_cycles": [count for count, _ in cases],
@@ -72,9 +75,9 @@ def compute_limits(
     columns["critical_restitution"] = compute(critical_restitution, block, intensity)
     rows = zip(*(columns[name] for name in _PRINTED), strict=True)
     lines = [
-        f"{block.width:.6g} m wide, {block.height:.6g} m high (slenderness"
-        f" {block.slenderness:.6g}), restitution {restitution:.6g}; width, size, height and"
-        f" restitution are those that {intensity:g} m/s just overturn",
+        options.scene_text,
+        "intensity: the pulses that just overturn this block; width, size, height and"
+        f" restitution: the block that pulses of {intensity:g} m/s just overturn",
         *(_LINE.format(*heads).rstrip() for heads in _HEADS),
         *(_LINE.format(*map(_write_cell, row)) for row in rows),
     ]

@@ -15,6 +15,7 @@ from ..sensitivity import (
     OutcomeProbabilities,
     TornadoBars,
     driven_tornado,
+    is_index_known,
     local_dependence,
     outcome_probabilities,
 )
@@ -131,9 +132,13 @@ def answer_driven(
         columns: dict[str, list[object]] = {}
         data: dict[str, object] = {"model": question.model}
         lines = [
-            f"by the {question.model} model, with a coefficient of variation of"
-            f" {question.coefficient_of_variation:g} in each; {question.sizes_in_words}"
+            f"{question.scene_text}; by the {question.model} model",
+            "coefficient of variation of each parameter:"
+            f" {question.coefficient_of_variation:g}",
         ]
+        if isinstance(asked.motion, Suite) and asked.motion.source:
+            lines.append(f"records: {asked.motion.source}")
+            data["record_source"] = asked.motion.source
         bars = _compute_bars(asked) if is_single else None
         outcomes = _compute_probabilities(asked)
         lines.append(str(outcomes))
@@ -142,7 +147,8 @@ def answer_driven(
 
             dependence = _compute_dependence(asked)
             columns |= _tabulate_answer(bars, dependence)
-            lines += ["", f"{question.answer} {bars}", str(dependence)]
+            tornado = [] if bars.always_overturns else [f"{question.answer} {bars}"]
+            lines += ["", *tornado, str(dependence)]
             save_picture(plot_tornado(bars, label=question.label), folder / "tornado.png")
             data |= {"answer": question.answer, "value": bars.value}
             data |= {name: getattr(dependence, name) for name in _SUMMARY}
@@ -208,7 +214,7 @@ def _compute_bars(asked: DrivenQuestion) -> TornadoBars:
     # The user chose the pulse: if it overturns the block there is no tornado to be drawn.
     if isinstance(asked.motion, Pulse) and not np.isfinite(bars.value):
         raise ValueError(question.describe_missing())
-    return replace(bars, sides=question.sides)
+    return replace(bars, sides=question.sizes)
 
 
 def _tabulate_answer(
@@ -261,8 +267,14 @@ def _draw_probabilities(outcomes: OutcomeProbabilities, path: Path) -> None:
 
     from ..plot import plot_outcome_probabilities, plot_sobol_indices
 
-    vary = np.isfinite(outcomes.first).all(axis=1)
-    answers = [name for name, varies in zip(outcomes.answers, vary, strict=True) if varies]
+    # Of which noise hides not all indices.
+    answers = [
+        name
+        for name, *row in zip(
+            outcomes.answers, outcomes.total, outcomes.total_error, strict=True
+        )
+        if any(map(is_index_known, *row))
+    ]
     # Of the outcomes, the last one that varies is the one that matters most.
     chosen = [name for name in ("peak", answers[-1] if answers else "") if name in answers]
     chosen = list(dict.fromkeys(chosen))

@@ -42,9 +42,9 @@ def fit(
     """Fit the restitution of a block, and if need be its p, to the times of its impacts.
 
     In a test the block is tilted and let go; a microphone or an accelerometer beside it hears
-    the impacts. The file has a line for each: its time [s], and perhaps after a comma the
-    largest rotation between it and the next [rad]. Without a width the block is unknown, and p
-    is fitted too. Writes fit.csv, a line for each time, and fit.png.
+    the impacts. The file has a line for each impact: its time [s] and, optionally after a
+    comma, the largest rotation before the next impact [rad]. Without a width the block is
+    unknown, and p is fitted too. Writes fit.csv, with a line for each time, and fit.png.
 
     Example: jaxrock fit times.csv
 
@@ -55,15 +55,16 @@ def fit(
     file
         The file with the times of the impacts.
     frequency_unknown
-        Fit p although the block is given; its shape is kept.
+        Fit p although the block is given; only its shape is used.
     model
-        Equation of motion; by default nonlinear with a block, without one always linearized.
+        Equation of motion. By default nonlinear with a block; always linearized without one.
     time_noise
-        Standard deviation of a measured time [s]; by default from the residuals.
+        Standard deviation of a measured time [s]; by default estimated from the residuals.
     rotation_noise
-        Standard deviation of a measured rotation [rad]; by default from the residuals.
+        Standard deviation of a measured rotation [rad]; by default estimated from the
+        residuals.
     no_repair
-        Do not look for impacts that are missing, or times that are wrong.
+        Do not search for missing impacts and wrong times.
     out
         Folder to write to; made if it is missing.
     """

@@ -66,21 +66,22 @@ def fragility(
     Parameters
     ----------
     measure
-        Peak ground velocity [m/s] or acceleration [m/s2], or their ratios to those of the
-        block.
+        Intensity measure: peak ground velocity [m/s] or acceleration [m/s2], or its ratio to
+        that of the block.
     levels
-        Increasing levels of the measure for the curves; if not given, 25 that suit the size of
-        the block.
+        Increasing levels of the measure for the curves. If not given, 25 levels that suit the
+        size of the block.
     threshold
         Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning".
     tolerance
         Relative error of peak rotations that is allowed.
     uncertain
-        Coefficients of variation of uncertain parameters, as in restitution=0.05 width=0.02:
-        width and height, or half_width and slenderness, or critical_angle and
-        frequency_parameter; restitution, gravity, inertia_ratio, floor_period, floor_damping.
+        Coefficients of variation of uncertain parameters, as in restitution=0.05 width=0.02.
+        Names are restitution, gravity, inertia_ratio, floor_period, floor_damping, and one
+        pair for the size: width and height, half_width and slenderness, or critical_angle and
+        frequency_parameter.
     samples
-        Samples of uncertain parameters, a power of 2. 64 if not given.
+        Number of samples of uncertain parameters, a power of 2. 64 if not given.
     model
         Equation of motion.
     out
@@ -105,6 +106,8 @@ def fragility(
         with naming_arguments(coefficients_of_variation="--uncertain"):
             uncertainty.draw(block, c, on_floor=suite.floor is not None)
     about = describe_options("fragility", options)
+    if block_options.restitution is None:
+        about["restitution_assumed"] = block_options.restitution_text
     compute = functools.partial(
         risk.fragility,
         block,
@@ -121,6 +124,12 @@ def fragility(
     def answer(curves: "xarray.Dataset") -> Answer:
         """Describe the curves, and with a hazard the rate as well."""
         lines, data = _describe_curves(curves, str(suite))
+        lines.insert(0, block_options.scene_text)
+        if suite.source:
+            lines.insert(2, f"records: {suite.source}")
+            data["record_source"] = suite.source
+        if block_options.restitution is None:
+            data["restitution"] = block_options.restitution_text
         if site is not None:
             # Of a block that is given by its sides, these are what can be changed.
             by = "shape" if block_options.height is None else "sides"

@@ -9,6 +9,7 @@ from ..block import Block
 from ..driven import uplift_acceleration
 from ..grids import as_axis, write_table
 from ..host import write_whole
+from ..impact import describe_assumed_restitution
 from ..resonance import as_model
 from ..spectra import add_size, harmonic_spectrum, lowest_stable_amplitude
 from ..validation import COUNT, UNIT_INTERVAL, check
@@ -46,10 +47,10 @@ def harmonic(
 ) -> Answer:
     """Map steady rocking on a harmonic floor, over its frequency and amplitude.
 
-    Where one impact in every half period goes on for ever, whether that is stable, how high
-    the block rocks then, and what it does elsewhere and from rest. With a width, in Hz and
-    m/s2; without, in ratios that are the same for every size of block. Writes harmonic.nc,
-    harmonic.csv and harmonic.png.
+    The map shows where the block rocks steadily with one impact in every half period, whether
+    that motion is stable, how high the block rocks, and what it does elsewhere and from rest.
+    With a width, the axes are in Hz and m/s2. Without a width they are ratios, and the map
+    holds for every size of block. Writes harmonic.nc, harmonic.csv and harmonic.png.
 
     Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45
 
@@ -60,15 +61,16 @@ def harmonic(
     restitution
         Velocity after an impact over velocity before it [-], 0 to 1; Housner's if not given.
     frequency_ratio
-        Frequency of the floor over p [-], without a width; 1:12:45 if not given.
+        Frequency of the floor over p [-], if no width is given. 1:12:45 if not given.
     amplitude_ratio
-        Amplitude of the floor over what just lifts the block [-]. If
-        not given, 60 values from 0.05 to 12, even in logarithms.
+        Amplitude of the floor over the amplitude that just lifts the block [-]. If not given,
+        60 logarithmically spaced values from 0.05 to 12.
     frequency
-        Frequency of the floor [Hz], with a width. If not given, 45 values from 1 to 12
+        Frequency of the floor [Hz], if a width is given. If not given, 45 values from 1 to 12
         times p / (2 pi).
     amplitude
-        Amplitude of the floor [m/s2], with a width; as with amplitude_ratio if not given.
+        Amplitude of the floor [m/s2], if a width is given. If not given, the amplitudes of
+        the default amplitude_ratio.
     model
         Equation of motion.
     cycles
@@ -110,6 +112,8 @@ def harmonic(
         write_table(dataset, folder / "harmonic.csv")
         save_picture(plot_harmonic(dataset), folder / "harmonic.png")
     lines, data = _describe_regions(dataset)
+    if restitution is None:
+        lines.insert(1, describe_assumed_restitution(block))
     if width is not None:
         lowest = lowest_stable_amplitude(dataset)
         lines += _describe_frequencies(dataset, lowest)

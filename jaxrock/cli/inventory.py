@@ -1,6 +1,7 @@
 """The command about an inventory of objects."""
 
-from collections.abc import Iterable
+import io
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -8,71 +9,108 @@ import numpy as np
 
 from ..ground_motion import MEASURES
 from ..host import format_table, write_whole
-from ..reports import list_remarks, write_inventory_page
-from ..risk import Site, assess_inventory, read_inventory
+from ..reports import list_remarks, name_theory, write_inventory_page
+from ..risk import (
+    EXAMPLE_FILES,
+    Hazard,
+    Inventory,
+    Site,
+    assess_inventory,
+    describe_required_width,
+    describe_years,
+    read_example_inventory,
+    read_inventory,
+    write_example_inventory,
+)
 from ..tables import write_csv
 from ..validation import POSITIVE, check, check_increasing
 from .answers import Answer, describe_options, save_picture
 from .motion_options import SuiteOptions
-from .options import FileOutput, Folder, Grid, ModelName, read_numbers
+from .options import FileOutput, Folder, Grid, ModelName, read_numbers, refuse_beside
 
 if TYPE_CHECKING:
+    import matplotlib.axes
     import xarray
 
 _FILES = ("inventory.nc", "inventory.csv", "inventory.png", "inventory.html")
 # Relative distance of the levels at which outcomes are simulated: enough for a ranking.
 _SPACING = 0.04
+_EXAMPLE_PERIOD = 2475.0  # years, 2 % in 50 years
+_EXAMPLE_HAZARD = "the one of the example, of no real place"
 
 
 def inventory(
     file: Path,
     *,
-    target: float,
+    target: float | None = None,
+    target_return_period: float | None = None,
     measure: Literal["pgv", "pga"] = "pgv",
     level: Grid | None = None,
     model: ModelName = "nonlinear",
+    title: str | None = None,
     suite_options: SuiteOptions = SuiteOptions(),
     out: Folder = Path("inventory"),
     output: FileOutput = FileOutput(),
 ) -> Answer:
     """Rank objects of a museum or a building by their rates of overturning.
 
-    The file has a line for each object below one line with the names of its columns: name,
-    width [m], height [m], and perhaps depth [m], inertia ratio, restitution and restitution
-    coefficient of variation, lengths also in cm or mm. Objects against a wall have yes in a
-    column one-sided, objects on upper floors a floor period [s] and perhaps a floor damping. A
-    hazard must be given, of the ground. Gives the uplift intensity of each, the probability
-    and the rate of overturning, the most important parameter, and the width at this height
-    from which on the rate stays below the target.
+    The file has a line with the names of its columns, and below it a line for each object.
+    Columns are name, width [m], height [m], and optionally depth [m], inertia ratio,
+    restitution and restitution coefficient of variation, with lengths also in cm or mm.
+    Objects against a wall have yes in a column one-sided. Objects on upper floors have a
+    floor period [s] and optionally a floor damping. A hazard of the ground must be given. For
+    each object the command gives the uplift intensity, the probability and the rate of
+    overturning, the most important parameter, and the width at this height from which on the
+    rate stays below the target. Where no restitution is given, the
+    rate is computed with a low and with a high one.
 
     Writes inventory.nc, inventory.csv, inventory.png and inventory.html, a page to print.
 
-    Example: jaxrock inventory objects.csv --hazard hazard.csv --target 1e-4
+    With the word example in place of a file it writes objects.csv and hazard.csv as well, to
+    be filled in, and assesses these.
+
+    Example: jaxrock inventory objects.csv --hazard hazard.csv --target-return-period 2475
 
     Parameters
     ----------
     file
-        The file with the objects.
+        The file with the objects, or "example".
     target
-        The rate of overturning that is tolerated [1/yr].
+        The rate of overturning that is tolerated [1/yr]. Give this or its return period.
+    target_return_period
+        The years in which an object may overturn once: 1 over the target [yr].
     measure
         Peak ground velocity [m/s] or acceleration [m/s2].
     level
-        Levels for probabilities; by default of the return periods 475 and 2,475 years.
+        Levels for probabilities. By default the levels with return periods of 475 and 2,475
+        years.
     model
         Equation of motion.
+    title
+        Title of the page; by default the number of objects.
     out
         Folder to write to; made if it is missing.
     """
     about = describe_options("inventory", locals())
-    objects = read_inventory(file)
-    check("target", target, POSITIVE)
+    # The datasets have a title of their own.
+    about.pop("title", None)
+    is_example = str(file) == "example"
+    if is_example and target is None and target_return_period is None:
+        target_return_period = _EXAMPLE_PERIOD
     reported_levels = None
     if level is not None:
         reported_levels = np.array(read_numbers("level", level))
         check("level", reported_levels, POSITIVE)
         check_increasing("level", reported_levels)
-    hazard = suite_options.read_hazard(measure)
+    if is_example:
+        objects, hazard = _read_example(suite_options, measure)
+        about["hazard"] = _EXAMPLE_HAZARD
+        names = (*EXAMPLE_FILES, *_FILES)
+    else:
+        objects = read_inventory(file)
+        hazard = suite_options.read_hazard(measure)
+        names = _FILES
+    rate = _read_target(target, target_return_period)
     if hazard is None:
         raise ValueError("--hazard must be given: a .csv file of levels and rates per year")
     if any(objects.one_sided) and suite_options.direction not in (None, "both"):
@@ -81,22 +119,98 @@ def inventory(
             f" {suite_options.direction}"
         )
     site = Site(suite_options.read_suite(), hazard, measure, spacing=_SPACING)
-    with write_whole("out", out, _FILES, output.force) as folder:
-        from ..plot import plot_inventory
+    with write_whole("out", out, names, output.force) as folder:
+        from ..plot import plot_inventory, plot_inventory_parts
 
+        if is_example:
+            write_example_inventory(folder)
         assessed = assess_inventory(
-            objects, site, target, reported_levels=reported_levels, model=model
+            objects, site, rate, reported_levels=reported_levels, model=model
         )
         assessed = assessed.assign_attrs(about)
         assessed.to_netcdf(folder / "inventory.nc")
         columns, units = _collect_columns(assessed)
         write_csv(folder / "inventory.csv", columns, units, about)
         save_picture(plot_inventory(assessed), folder / "inventory.png")
-        picture = (folder / "inventory.png").read_bytes()
-        page = write_inventory_page(assessed, picture)
+        pictures = [_draw_png(ax) for ax in plot_inventory_parts(assessed)]
+        page = write_inventory_page(assessed, pictures, title=title)
         (folder / "inventory.html").write_text(page, encoding="utf-8")
-    text = "\n".join([_write_table(assessed), *list_remarks(assessed)])
-    return Answer(text, _collect_data(assessed), output, [out / name for name in _FILES])
+    lines = [_write_table(assessed), *_describe_assumed(assessed), *list_remarks(assessed)]
+    if is_example:
+        lines += _describe_next_steps(out)
+    files = [out / name for name in names]
+    return Answer("\n".join(lines), _collect_data(assessed), output, files)
+
+
+def _read_target(target: float | None, period: float | None) -> float:
+    """Read the target as a rate [1/yr], from the rate or its return period."""
+    if target is not None and period is not None:
+        raise ValueError(
+            f"target and target_return_period exclude each other, got {target:g} and"
+            f" {period:g}: leave out one of them"
+        )
+    if period is not None:
+        check("target_return_period", period, POSITIVE)
+        return 1 / period
+    if target is None:
+        raise ValueError(
+            "target or target_return_period must be given, got neither;"
+            " --target-return-period 475 tolerates one overturning in 475 years"
+        )
+    check("target", target, POSITIVE)
+    return target
+
+
+def _read_example(suite_options: SuiteOptions, measure: str) -> tuple[Inventory, Hazard]:
+    """Read the example, which has a hazard of its own."""
+    refuse_beside(
+        "example",
+        hazard=suite_options.hazard,
+        hazard_unit=suite_options.hazard_unit,
+        hazard_site=suite_options.hazard_site,
+    )
+    if measure != "pgv":
+        raise ValueError(f"measure must be pgv for the example, got {measure}")
+    return read_example_inventory()
+
+
+def _describe_next_steps(out: Path) -> list[str]:
+    """Describe what to do with the files of the example."""
+    objects, hazard = (str(out / name) for name in EXAMPLE_FILES)
+    return [
+        "",
+        "This was an example: its objects and its hazard are made up. For yours:",
+        f"1. Open {objects} in a spreadsheet or an editor. Replace the objects, and save as CSV.",
+        f"2. Put the hazard curve of your site into {hazard} in the same way.",
+        "3. Type (all in one line):",
+        f"   jaxrock inventory {objects} --hazard {hazard}"
+        f" --target-return-period {_EXAMPLE_PERIOD:.0f} --out my-objects",
+        "4. Open my-objects/inventory.html in a browser, and print it.",
+    ]
+
+
+def _describe_assumed(assessed: "xarray.Dataset") -> list[str]:
+    """Describe which restitutions were assumed, and what years they are given for."""
+    values: dict[str, list[float]] = {}
+    for k in np.flatnonzero(assessed.restitution_assumed.values):
+        answer = assessed.isel(object=int(k))
+        values.setdefault(name_theory(answer), []).append(float(answer.restitution))
+    lines = []
+    for theory, coefficients in values.items():
+        ends = {f"{end:.3f}": None for end in (min(coefficients), max(coefficients))}
+        number = len(coefficients)
+        lines.append(
+            f"C = {' to '.join(ends)} ({theory}, assumed) of {number} object{'s' * (number > 1)};"
+            " once in: the years with a low C and with this one"
+        )
+    return lines
+
+
+def _draw_png(ax: "matplotlib.axes.Axes") -> bytes:
+    """Draw the figure that axes belong to as a PNG."""
+    file = io.BytesIO()
+    save_picture(ax, file)
+    return file.getvalue()
 
 
 def _collect_columns(
@@ -110,12 +224,26 @@ def _collect_columns(
     units: dict[str, str] = {}
     for name, variable in assessed.data_vars.items():
         unit = variable.attrs.get("units", "")
+        if name == "required_width":
+            columns[name] = _list_required_widths(assessed)
+            units[name] = unit
+            continue
         # A column for each level and each parameter.
         for index, label in _label_entries(assessed, variable):
             head = f"{name}{label}"
             columns[head] = variable.values[(slice(None), *index)].tolist()
             units[head] = unit
     return columns, units
+
+
+def _list_required_widths(assessed: "xarray.Dataset") -> list[object]:
+    """List required widths in full precision, with "<=" where there is a bound only."""
+    pairs = zip(
+        assessed.required_width.values.tolist(),
+        assessed.required_width_is_bound.values.tolist(),
+        strict=True,
+    )
+    return [f"<= {width}" if is_bound else width for width, is_bound in pairs]
 
 
 def _label_entries(
@@ -136,6 +264,7 @@ def _write_table(assessed: "xarray.Dataset") -> str:
     unit = MEASURES[assessed.attrs["measure"]][1]
     target = assessed.attrs["target"]
     names = assessed.object.values.tolist()
+    answers = [assessed.isel(object=k) for k in range(len(names))]
     places: dict[str, Iterable[object]] = {}
     if "one_sided" in assessed:
         places["one-sided"] = ["yes" if kind else "no" for kind in assessed.one_sided.values]
@@ -144,20 +273,37 @@ def _write_table(assessed: "xarray.Dataset") -> str:
     columns = places | {
         "width [m]": assessed.width.values,
         "height [m]": assessed.height.values,
-        "restitution": assessed.restitution.values,
+        "restitution": _list_restitutions(answers),
         f"uplift [{unit}]": assessed.uplift_intensity.values,
         f"median [{unit}]": assessed["median"].values,
         "rate [1/yr]": assessed.rate.values,
         "std. error": assessed.standard_error.values,
-        "needs [m]": assessed.required_width.values,
+        "needs [m]": [describe_required_width(answer) for answer in answers],
     }
     above = int((assessed.rate > target).sum())
+    records = assessed.attrs.get("record_source", f"{assessed.attrs['record_count']} records")
     title = (
-        f"{above} of {len(names)} objects overturn more often than {target:g} 1/yr, under"
-        f" {assessed.attrs['record_count']} records and a {assessed.attrs['hazard_curve']};"
+        f"{above} of {len(names)} objects overturn more often than {target:.4g} 1/yr, once in"
+        f" {1 / target:,.4g} years, under {records}; {assessed.attrs['hazard_curve']}."
         " needs: the width at this height for the target"
     )
-    return format_table(title, [name[:19] for name in names], **columns)
+    table = format_table(title, [name[:19] for name in names], **columns)
+    # The last column is as wide as its words.
+    first, heads, *rows = table.splitlines()
+    years = [f"  {describe_years(answer)}" for answer in answers]
+    ends = ["", "  once in [yr]", *years]
+    lines = [first, heads, *rows]
+    return "\n".join(line + end for line, end in zip(lines, ends, strict=True))
+
+
+def _list_restitutions(answers: Sequence["xarray.Dataset"]) -> list[object]:
+    """List the restitutions, with a word where they were assumed."""
+    return [
+        f"{float(answer.restitution):.3f} assumed"
+        if bool(answer.restitution_assumed)
+        else float(answer.restitution)
+        for answer in answers
+    ]
 
 
 def _collect_data(assessed: "xarray.Dataset") -> dict[str, object]:

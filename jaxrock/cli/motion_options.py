@@ -39,15 +39,15 @@ class RecordOptions:
     """Options that describe a record."""
 
     record: str | None = None
-    """A file of a record, such as .AT2 or .csv, or "example" for the one of jaxrock."""
+    """File of a record, such as .AT2 or .csv, or "example" for the one of jaxrock."""
     unit: str | None = None
-    """Unit of the record: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if the file states none."""
+    """Unit of the record, if the file states none: m/s2, cm/s2, mm/s2, gal, g, %g or mg."""
     column: str | None = None
     """Column or channel of the horizontal acceleration, where a file has several."""
     vertical: str | None = None
     """Column or channel of the vertical acceleration, or another file with it."""
     time_step: float | None = None
-    """Time between samples [s], where the file states none."""
+    """Time between samples [s], if the file states none."""
     scale: float | None = None
     """Factor on the ground motion [-]; a negative one reverses it. 1 if not given."""
     floor_period: float | None = None
@@ -116,6 +116,15 @@ class MotionOptions(RecordOptions):
         """True if a pulse or a record is given."""
         return self.pulse is not None or self.record is not None
 
+    @property
+    def text(self) -> str:
+        """The motion in words, without the numbers of a pulse."""
+        if self.pulse is not None:
+            return f"{self.pulse} pulse"
+        floor = "" if self.floor_period is None else f", floor of {self.floor_period:g} s"
+        scale = "" if self.scale is None else f" times {self.scale:g}"
+        return f"record {self.record}{scale}{floor}"
+
     def read_unscaled(self) -> Motion:
         """Make the pulse, or read the record, without the factor."""
         if self.pulse is None and self.record is None:
@@ -155,25 +164,28 @@ class SuiteOptions:
     """Options that describe a suite of records, and the hazard of a site."""
 
     records: str = "example"
-    """A folder of records, "example" for twenty, or a set of FEMA P695, as fema-far-field."""
+    """Folder of records, "example" for jaxrock's twenty, or a set of FEMA P695:
+    fema-far-field."""
     unit: str | None = None
-    """Unit of the records: m/s2, cm/s2, mm/s2, gal, g, %g or mg; if files state none."""
+    """Unit of the records, if the files state none: m/s2, cm/s2, mm/s2, gal, g, %g or mg."""
     time_step: float | None = None
-    """Time between samples [s], where files state none."""
+    """Time between samples [s], if the files state none."""
     with_vertical: bool = False
     """Include the vertical component of each record."""
     direction: Direction | None = None
-    """Direction of the records. Both for one-sided blocks, as recorded for others, if not given."""
+    """Direction of the records. If not given: both for one-sided blocks, as recorded for
+    others."""
     floor_period: float | None = None
     """Period of the floor on which objects stand [s]. On the ground if not given."""
     floor_damping: float | None = None
     """Damping ratio of that floor [-]. 0.05 if not given."""
     hazard: Path | None = None
-    """A .csv file: columns of levels and rates per year, or a curve of OpenQuake or nshmp-haz."""
+    """A .csv file with levels and rates per year, or a hazard curve of OpenQuake or
+    nshmp-haz."""
     hazard_unit: str | None = None
-    """Unit of these levels: m/s, cm/s, m/s2, g ...; if the file states none."""
+    """Unit of the levels of the hazard, if the file states none: m/s, cm/s, m/s2, g ..."""
     hazard_site: tuple[float, ...] | None = None
-    """Longitude and latitude of the curve, where the file has those of several sites [deg]."""
+    """Longitude and latitude of the site [deg], if the file has curves of several sites."""
 
     def read_suite(self, one_sided: bool = False) -> Suite:
         """Read the records of a folder, or take those of a name; on their floor, in a direction."""

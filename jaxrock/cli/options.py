@@ -138,7 +138,7 @@ class Output:
     """Options of a command that prints an answer."""
 
     json: bool = False
-    """Print JSON; null stands for what does not exist or never happens."""
+    """Print JSON; null means that a value does not exist or that an event never happens."""
 
 
 @_OF_OUTPUT
@@ -162,8 +162,8 @@ class BlockOptions:
     slenderness: float | None = None
     """Height over width [-]. 5 if neither is given."""
     restitution: float | None = None
-    """Velocity after an impact over velocity before it [-], 0 to 1, or its negative if one-sided.
-    The one that follows from size if not given."""
+    """Velocity after an impact over velocity before it [-], 0 to 1, or its negative if
+    one-sided. Computed from the size if not given."""
     one_sided: bool = False
     """The block stands against a wall, and rocks away from it only."""
     gravity: float = 9.81
@@ -198,6 +198,14 @@ class BlockOptions:
         return f"C = {self.coefficient:.6g}"
 
     @property
+    def scene_text(self) -> str:
+        """The size and the restitution of the block in words."""
+        block = self.block
+        wall = ", against a wall" if block.one_sided else ""
+        size = f"block {float(block.width):.6g} m wide, {float(block.height):.6g} m high"
+        return f"{size}{wall}, {self.restitution_text}"
+
+    @property
     def coefficient(self) -> float:
         """The coefficient of restitution."""
         if self.restitution is not None:
@@ -222,7 +230,8 @@ class SizeOptions:
     """Options that describe a block which need not be known."""
 
     width: float | None = None
-    """Full width 2b of the base [m]; without it the block is not known, or of any size."""
+    """Full width 2b of the base [m]. Without it the block is unknown, or its size does not
+    matter."""
     height: float | None = None
     """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
     slenderness: float | None = None
@@ -276,8 +285,8 @@ def warn_of_intensity(intensity: float) -> None:
     """Warn of an intensity of pulses that was perhaps given in centimetres per second."""
     if intensity > _LARGEST_INTENSITY:
         warnings.warn(
-            f"--intensity is in m/s, and {intensity:.4g} m/s is far more than the ground moves in"
-            f" an earthquake; type {intensity / 100:.4g} if {intensity:.4g} cm/s are meant",
+            f"--intensity is in m/s, and {intensity:.4g} m/s is far more than the ground moves"
+            f" in an earthquake; type {intensity / 100:.4g} if {intensity:.4g} cm/s are meant",
             stacklevel=3,
         )
 
@@ -301,7 +310,8 @@ class StoreOptions:
     """Options of a command whose answer can go to a Zarr store."""
 
     store: Path | None = None
-    """Zarr store to write instead of the files; one that this command has begun is continued."""
+    """Zarr store to write instead of the files. A store that this command has begun is
+    continued."""
     workers: Count | None = None
     """Processes of this machine that compute the store; one for each processor if not given."""
 
@@ -312,8 +322,8 @@ class StoreOptions:
             return False
         if out is not None or force:
             raise ValueError(
-                "--out and --force exclude --store, which is continued and not overwritten, got"
-                f" --store {self.store}"
+                "--out and --force exclude --store, which is continued and not overwritten,"
+                f" got --store {self.store}"
             )
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"workers must be at least 1, got {self.workers}")

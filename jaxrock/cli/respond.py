@@ -43,8 +43,8 @@ def respond(
     """Simulate the response of one block to a pulse or a record, through every impact.
 
     Writes response.csv and response.nc (rotation over time), impacts.csv and response.png
-    (ground and rotation while the block moves, and phase portrait), and says from which factor
-    on the motion lifts the block.
+    (ground and rotation while the block moves, and phase portrait). Prints the smallest
+    factor on the motion that lifts the block.
 
     Example: jaxrock respond --pulse sine --amplitude 4 --pulse-duration 0.5
 
@@ -85,7 +85,7 @@ def respond(
             "velocity_before": np.asarray(response.impact_velocities).tolist(),
         }
         write_csv(folder / "impacts.csv", impacts, _UNITS, about)
-        scene = _describe_scene(block, c, motion_options)
+        scene = _describe_scene(block_options, motion_options)
         _draw(response, scene, folder / "response.png")
         if animate:
             write_film(response, folder / "response.gif")
@@ -137,8 +137,9 @@ def _draw(response: driven.Response, title: str, path: Path) -> None:
     save_picture(figure, path)
 
 
-def _describe_scene(block: Block, restitution: float, options: MotionOptions) -> str:
+def _describe_scene(block_options: BlockOptions, options: MotionOptions) -> str:
     """Describe the block, its restitution, and the motion with its factor."""
+    block = block_options.block
     sizes = f"{block.width:.4g} m wide, {block.height:.4g} m high"
     if options.record is None:
         size = f"{options.amplitude:.4g} m/s2, {options.pulse_duration:.4g} s"
@@ -155,15 +156,15 @@ def _describe_scene(block: Block, restitution: float, options: MotionOptions) ->
         damping = FLOOR_DAMPING if damping is None else damping
         floor = f", on a floor of period {options.floor_period:g} s, damping {damping:g}"
     scaled = f"scaled by {options.factor:g}"
-    return f"{sizes}{wall}, C = {restitution:.4g}, {motion}, {scaled}{floor}"
+    return f"{sizes}{wall}, {block_options.restitution_text}, {motion}, {scaled}{floor}"
 
 
 def _describe_uplift(response: driven.Response, factor: float, scale: float | None) -> str:
     """Describe the factor on the motion from which on it lifts the block."""
     if math.isinf(factor):
-        return "never lifted, with any factor on the motion"
+        return "no factor on the motion lifts the block"
     # A motion that lifts the block after the duration does lift it.
     lifted = bool(response.peak_rotation > 0) or factor < 1
-    begins = "lifted" if lifted else "never lifted; it would be"
-    scaled = "" if scale in (None, 1.0) else f" (scale {factor * scale:.4g})"
-    return f"{begins} from factor {factor:.4g} on the motion on{scaled}"
+    begins = "the block lifts" if lifted else "the block is not lifted; it lifts"
+    scaled = "" if scale in (None, 1.0) else f" (--scale {factor * scale:.4g})"
+    return f"{begins} once the motion is multiplied by {factor:.4g} or more{scaled}"

@@ -70,15 +70,16 @@ def sensitivity(
 ) -> Answer:
     """Find what an answer depends on: probabilities of outcomes, derivatives, a tornado.
 
-    Of the resonance under instantaneous pulses: derivatives, elasticities, a tornado, the
-    effect of uncertainty. Writes sensitivity.csv, tornado.png and map.png: the elasticity to
-    the restitution over slenderness and restitution.
+    For resonance under instantaneous pulses, it computes derivatives, elasticities, a tornado
+    and the effect of uncertainty. Writes sensitivity.csv, tornado.png and map.png. The map
+    shows the elasticity with respect to the restitution over slenderness and restitution.
 
-    With a pulse, a record or a suite: the probabilities that the block rocks and overturns,
-    Sobol indices, and derivatives of the probabilities with respect to the median and the
-    coefficient of variation of each parameter. Under one motion also a tornado, and derivatives
-    of the answer where they are meaningful, as `jaxrock.sensitivity.local_dependence` decides.
-    Writes sensitivity.csv, probabilities.csv, probabilities.png and tornado.png.
+    With a pulse, a record or a suite, it computes the probabilities that the block rocks and
+    overturns, Sobol indices, and derivatives of the probabilities with respect to the median
+    and the coefficient of variation of each parameter. Under one motion it adds a tornado,
+    and derivatives of the answer where they are meaningful, as
+    `jaxrock.sensitivity.local_dependence` decides. Writes sensitivity.csv, probabilities.csv,
+    probabilities.png and tornado.png.
 
     With a height, the parameters are the width at this height and the height at this width.
     Else they are the half-width at this slenderness and the slenderness.
@@ -88,11 +89,12 @@ def sensitivity(
     Parameters
     ----------
     answer
-        Answer to examine; by default the critical intensity, under a pulse or record the ratio.
+        Answer to examine. By default the critical intensity; under a pulse or a record, the
+        rotation ratio.
     intensity
         Change of ground velocity in each instantaneous pulse [m/s]. 0.15 if not given.
     model
-        Equation of motion; by default nonlinear under a pulse or a record, else linearized.
+        Equation of motion. By default nonlinear under a pulse or a record, else linearized.
     relative_change
         Relative change by which the tornado lowers and raises parameters. 0.1 if not given.
     coefficient_of_variation
@@ -100,11 +102,13 @@ def sensitivity(
     ratio
         Rotation ratio alpha_max / alpha_c whose probability is computed [-]. 0.5 if not given.
     samples
-        Samples of the parameters under each motion, a power of 2. 4096 if not given.
+        Number of samples of the parameters under each motion, a power of 2. 4096 if not
+        given.
     seed
         Seed of the samples. 0 if not given.
     records
-        A folder of records, "example" for twenty, or a set of FEMA P695, as fema-far-field.
+        Folder of records, "example" for jaxrock's twenty, or a set of FEMA P695:
+        fema-far-field.
     out
         Folder to write to; made if it is missing.
     """
@@ -112,14 +116,10 @@ def sensitivity(
     driven = motion_options.given or records is not None
     if records is not None:
         refuse_beside("--records", answer=answer, relative_change=relative_change)
-    block = block_options.block
-    c = block_options.coefficient
     question = ask(
         answer or ("rotation-ratio" if driven else "critical-intensity"),
         model or ("nonlinear" if driven else "linearized"),
-        block,
-        c,
-        block_options.height is not None,
+        block_options,
         0.1 if relative_change is None else relative_change,
         coefficient_of_variation,
     )
@@ -129,13 +129,24 @@ def sensitivity(
         options |= {"ratio": asked.ratio, "samples": asked.samples, "seed": asked.seed}
         if records is None:
             options["relative_change"] = question.relative_change
-        return answer_driven(asked, out, output, describe_options("sensitivity", options))
+        answered = answer_driven(asked, out, output, describe_options("sensitivity", options))
+        return _add_assumption(answered, block_options)
     motion_options.refuse_all("--pulse or --record")
     refuse("--pulse, --record or --records", ratio=ratio, samples=samples, seed=seed)
     question = _add_intensity(question, intensity)
     options["relative_change"] = question.relative_change
     options["intensity"] = question.at.get("intensity")
-    return _answer_resonance(question, out, output, describe_options("sensitivity", options))
+    answered = _answer_resonance(
+        question, out, output, describe_options("sensitivity", options)
+    )
+    return _add_assumption(answered, block_options)
+
+
+def _add_assumption(answered: Answer, block_options: BlockOptions) -> Answer:
+    """Add the restitution in words, if it was assumed; its value stands in the answer."""
+    if block_options.restitution is not None:
+        return answered
+    return replace(answered, text=f"{answered.text}\n{block_options.restitution_text}")
 
 
 def _answer_resonance(
@@ -149,19 +160,19 @@ def _answer_resonance(
             """Compute the answer."""
             return _compute_answer(question, at)
 
-        local = replace(sensitivities(compute, question.at), sides=question.sides)
+        local = replace(sensitivities(compute, question.at), sides=question.sizes)
         if not math.isfinite(local.value):
             raise ValueError(question.describe_missing())
         bars = tornado(compute, question.at, question.make_ranges())
-        bars = replace(bars, sides=question.sides)
+        bars = replace(bars, sides=question.sizes)
         moments = propagate(compute, question.at, question.make_uncertain(_SAMPLES))
         columns = _tabulate(local, bars, moments)
         write_csv(folder / "sensitivity.csv", columns, {}, about)
         save_picture(plot_tornado(bars, label=question.label), folder / "tornado.png")
         _draw_map(question, folder / "map.png")
     text = (
-        f"{question.answer} {local}\n{question.sizes_in_words}; by the {question.model}"
-        f" model;\n{_write_moments(question, moments)}"
+        f"{question.scene_text}; by the {question.model} model\n"
+        f"{question.answer} {local}\n{_write_moments(question, moments)}"
     )
     known = moments.within_tolerance
     data = {

@@ -2,11 +2,11 @@
 
 from typing import Literal, NamedTuple
 
-from ..block import SHAPE, SIDES, SIZES_IN_WORDS, Block, size_of
+from ..block import SHAPE, SIDES, Block, size_of
 from ..overturning import UNITS
 from ..sensitivity import Uncertain
 from ..validation import POSITIVE, check
-from .options import ModelName
+from .options import BlockOptions, ModelName
 
 AnswerName = Literal[
     "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
@@ -26,35 +26,32 @@ class Question(NamedTuple):
         Equation of motion.
     block : Block
         With the parameters that are constant.
-    sides : tuple of str
-        Names of the sides of the block, if it is described by them.
+    sizes : tuple of str
+        Names of the parameters that describe the size of the block.
     at : dict
         Values of the parameters, by name.
     relative_change : float
         By which the tornado lowers and raises each of them [-].
     coefficient_of_variation : float
         Of each of them [-].
+    scene_text : str
+        The size and the restitution of the block in words.
     """
 
     answer: AnswerName
     model: ModelName
     block: Block
-    sides: tuple[str, ...]
+    sizes: tuple[str, ...]
     at: dict[str, float]
     relative_change: float
     coefficient_of_variation: float
+    scene_text: str
 
     @property
     def label(self) -> str:
         """The answer and its unit, for an axis."""
         unit = _UNITS_OF_ANSWERS.get(self.answer, "-")
         return f"{self.answer.replace('-', ' ')} [{unit}]"
-
-    @property
-    def sizes_in_words(self) -> str:
-        """The parameters that are sizes, with what stays as it is while they change."""
-        sizes = [name for name in self.at if name in SIZES_IN_WORDS]
-        return ", ".join(f"{name} is the {SIZES_IN_WORDS[name]}" for name in sizes)
 
     def make_ranges(self) -> dict[str, tuple[float, float]]:
         """Make the ranges of the tornado."""
@@ -81,9 +78,7 @@ class Question(NamedTuple):
 def ask(
     answer: AnswerName,
     model: ModelName,
-    block: Block,
-    restitution: float,
-    sides: bool,
+    options: BlockOptions,
     relative_change: float,
     coefficient_of_variation: float,
 ) -> Question:
@@ -92,8 +87,18 @@ def ask(
     if relative_change >= 1:
         raise ValueError(f"relative_change must be less than 1, got {relative_change:g}")
     check("coefficient_of_variation", coefficient_of_variation, POSITIVE)
-    size = size_of(block, "sides" if sides else "shape")
-    at = {name: float(size[name]) for name in (SIDES if sides else SHAPE)}
-    at["restitution"] = restitution
-    names = SIDES if sides else ()
-    return Question(answer, model, block, names, at, relative_change, coefficient_of_variation)
+    block = options.block
+    names = SHAPE if options.height is None else SIDES
+    size = size_of(block, "shape" if options.height is None else "sides")
+    at = {name: float(size[name]) for name in names}
+    at["restitution"] = options.coefficient
+    return Question(
+        answer,
+        model,
+        block,
+        names,
+        at,
+        relative_change,
+        coefficient_of_variation,
+        options.scene_text,
+    )

@@ -49,9 +49,9 @@ def spectrum(
 ) -> Answer:
     """Compute resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
 
-    Writes spectrum.nc, spectrum.csv and spectrum.png. Values of the grid are given one by
-    one, or as START:STOP:COUNT. For many million points use --store: workers compute
-    the store, and it can be continued.
+    Writes spectrum.nc, spectrum.csv and spectrum.png. Give the values of the grid one by one,
+    or as START:STOP:COUNT. For many million points use --store: workers compute the store,
+    and it can be continued.
 
     Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
 
@@ -73,14 +73,17 @@ def spectrum(
     one_sided
         The blocks stand against a wall, and rock away from it only.
     model
-        Equation of free rocking; auto takes at each point the cheapest within the tolerance.
+        Equation of free rocking; auto takes the cheapest equation within the tolerance at
+        each point.
     tolerance
         Relative error that is allowed, for the model auto. 1e-3 if not given.
     out
         Folder to write to; made if it is missing. "spectrum" if not given.
     """
+    assumption = ""
     if restitution is None:
         restitution = (0.4, 0.45, 0.5) if one_sided else (0.6, 0.7, 0.8)
+        assumption = f"\nC = {', '.join(f'{c:g}' for c in restitution)} (assumed)"
     about = describe_options("spectrum", locals())
     if model != "auto":
         refuse("--model auto", tolerance=tolerance)
@@ -109,7 +112,7 @@ def spectrum(
         """Say how many scenes there are, and which fraction of them overturns."""
         sizes = {str(name): size for name, size in dataset.sizes.items()}
         count = math.prod(sizes.values())
-        text = f"{count} scenes, {100 * overturned:.1f} % of them overturn"
+        text = f"{count} scenes, {100 * overturned:.1f} % of them overturn{assumption}"
         data = {"sizes": sizes, "model": model, "overturned": overturned}
         return Answer(text, data, output, files)
 
@@ -156,8 +159,8 @@ def rocking_spectrum(
     slenderness
         Height over width [-].
     restitution
-        Velocity after an impact over velocity before it [-], 0 to 1. If not given 0.9; against a
-        wall the one that follows from size.
+        Velocity after an impact over velocity before it [-], 0 to 1. If not given 0.9;
+        against a wall computed from the size.
     inertia_ratio
         Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
     one_sided
@@ -165,8 +168,10 @@ def rocking_spectrum(
     out
         Folder to write to; made if it is missing. "rocking_spectrum" if not given.
     """
-    if restitution is None and not one_sided:
-        restitution = (0.9,)
+    assumption = ""
+    if restitution is None:
+        restitution = None if one_sided else (0.9,)
+        assumption = f"\nC {'from size against a wall' if one_sided else '= 0.9'} (assumed)"
     about = describe_options("rocking-spectrum", locals())
     check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
     compute = functools.partial(
@@ -184,7 +189,8 @@ def rocking_spectrum(
     def answer(dataset: "xarray.Dataset", files: Sequence[Path] = ()) -> Answer:
         """Say how many blocks there are, and which fraction of them overturns."""
         overturned = 100 * float(dataset.overturned.mean())
-        text = f"{dataset.overturned.size} blocks, {overturned:.1f} % of them overturn"
+        blocks = f"{dataset.overturned.size} blocks, {overturned:.1f} % of them overturn"
+        text = f"{blocks}{assumption}"
         sizes = {str(name): size for name, size in dataset.sizes.items()}
         return Answer(text, {"sizes": sizes}, output, files)
 

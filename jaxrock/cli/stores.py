@@ -70,13 +70,13 @@ def write_store(
             try:
                 stored = write_zarr(lazy, options.store)
             except RuntimeError as error:  # such as where workers have no jaxrock
-                raise ValueError(f"the workers cannot do it: {error}") from error
+                raise ValueError(f"the workers failed: {error}") from error
             with xarray.open_zarr(options.store, zarr_format=2) as dataset:
                 answer = make_answer(dataset)
     # Errors of Dask are long and about its insides.
     except KilledWorker as error:
         raise ValueError(
-            f"workers ended again and again at one chunk, perhaps for want of memory: {error}"
+            f"workers ended repeatedly at one chunk, perhaps for lack of memory: {error}"
         ) from error
     data = {
         "store": str(options.store),

@@ -22,10 +22,11 @@ def tradeoff(
     out: Folder = Path("tradeoff"),
     output: FileOutput = FileOutput(),
 ) -> Answer:
-    """Measure speed against accuracy on this machine: every dial turned, errors and times.
+    """Measure the error and the time of every setting on this machine.
 
-    Of a block under a pulse or a record, with --intensity under the pulses of resonance, by
-    default under a short half-sine pulse. Writes tradeoff.nc, tradeoff.csv and tradeoff.png.
+    The block is under a pulse or a record, or with --intensity under the pulses of resonance.
+    By default it is under a short half-sine pulse. Writes tradeoff.nc, tradeoff.csv and
+    tradeoff.png.
 
     Example: jaxrock tradeoff --record example
 

@@ -50,14 +50,14 @@ def validate(
     out: Folder = Path("validation"),
     output: FileOutput = FileOutput(),
 ) -> Answer:
-    """Calibrate blocks to tests that overturned or stood, and score them on other tests.
+    """Fit blocks to tests with known outcomes, and score their predictions for other tests.
 
-    The file has a line for each test below one line with the names of its columns: file, the
-    motion, overturned, yes or no, and perhaps unit, time step [s], column, scale, group, peak
-    rotation [rad] and name. Tests of a group, such as an earthquake, are fitted together or
-    not at all. In each split blocks are fitted to half of the groups, and predict the others,
-    beside rules in PGV and PGA and the base rate. The block need not be known: a size or a
-    prior says what is.
+    The file has a line with the names of its columns, and below it a line for each test.
+    Columns are file (the motion), overturned (yes or no), and optionally unit, time step [s],
+    column, scale, group, peak rotation [rad] and name. A group, such as an earthquake, is
+    fitted as a whole or not at all. In each split, blocks are fitted to half of the groups
+    and predict the other half; rules in PGV and PGA and the base rate do the same for
+    comparison. The block need not be known. Give its size or a prior if you know them.
 
     Writes validation.nc, tests.csv, scores.csv, population.csv, reliability.png and
     outcomes.png.
@@ -71,14 +71,15 @@ def validate(
     file
         The file with the tests.
     splits
-        Splits of the groups into halves, one of which is fitted.
+        Number of random splits of the groups into a fitted and a predicted half.
     seed
         Seed of the splits and of the blocks.
     samples
-        Blocks that are simulated under each motion, a power of 2. If not given, 8192 for up to
-        128 tests, 2048 from 512 on.
+        Number of blocks that are simulated under each motion, a power of 2. If not given,
+        8192 for up to 128 tests, 2048 from 512 on.
     prior
-        What is known: critical_angle=0.08:0.1 for a median [rad] and coefficient of variation.
+        Prior medians and their coefficients of variation: critical_angle=0.08:0.1 is 0.08 rad
+        with a coefficient of 0.1.
     one_sided
         The block stands against a wall, and rocks away from it only.
     floor_period

@@ -1,4 +1,4 @@
-"""What is said of a wrong call: in options as they are typed, and with what to type instead."""
+"""Errors of wrong calls: they name options as typed, and say what to type instead."""
 
 import contextlib
 import difflib
@@ -144,7 +144,8 @@ def _find_unit(option: str, arguments: Iterable[Argument]) -> str:
 
 def _find_help(option: str, arguments: Iterable[Argument]) -> str:
     """Find the help of an option, which an argument of an error does not have."""
-    return next((one.parameter.help or "" for one in arguments if one.name == option), "")
+    texts = (argument.parameter.help for argument in arguments if argument.name == option)
+    return next(texts, None) or ""
 
 
 def _describe_command(word: str, application: App) -> str:
@@ -168,7 +169,7 @@ def _describe_option(command: str, word: str, arguments: Iterable[Argument]) -> 
 
 
 def _find_near(word: str, names: Sequence[str]) -> str | None:
-    """Find the name that was likely meant: one that begins like the word, or is much like it."""
+    """Find the name that was likely meant: it begins like the word, or resembles it."""
     begin = [name for name in names if name.startswith(word)]
     if len(begin) == 1 or (begin and len(word) == 1):
         return begin[0]

@@ -16,6 +16,7 @@ from ..validation import (
     as_real,
     carries_unit,
     check,
+    check_concrete,
     convert_to_si,
 )
 
@@ -56,6 +57,7 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
 def as_axis(name: str, value: Values) -> np.ndarray:
     """Check the values along an axis: one or more, different, and all in its domain."""
     _, unit, domain = _AXES[name]
+    check_concrete(value, f"{name} is an axis of a dataset")
     if carries_unit(value):
         value = convert_to_si(name, value, unit)
     # This only raises for anything but numbers. Its array has the precision of JAX; the axis

@@ -76,6 +76,9 @@ class Grid:
         Sizes of dimensions that are not axes.
     shared : pytree
         Arguments that all points have in common.
+    whole : str, optional
+        The last axis, if it is computed as a whole, since variables without it depend on all
+        of it. Chunks along it are cut from the answer.
     """
 
     title: str
@@ -88,6 +91,7 @@ class Grid:
     labels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     columns: Mapping[str, int] = field(default_factory=dict)
     shared: PyTree = None
+    whole: str = ""
 
     def build_dataset(
         self, chunks: "Chunks | None" = None, store: str | Path | None = None
@@ -99,7 +103,7 @@ class Grid:
             return self.write_netcdf(store)
         if store is not None:
             raise ValueError(
-                "store goes without chunks: a NetCDF file is not written in chunks;"
+                "store and chunks exclude each other: a NetCDF file is not written in chunks;"
                 " write_zarr writes a lazy dataset"
             )
         lazy = import_optional(f"{__package__}.lazy", "cluster")
@@ -110,22 +114,19 @@ class Grid:
         sizes = {name: values.size for name, values in self.axes.items()}
         inner = {name: size for name, size in sizes.items() if name in used}
         lengths = lazy.choose_chunks(chunks, inner, self.usual)
+        wanted = {}
+        if self.whole:
+            wanted = {self.whole: lengths[self.whole]}
+            lengths[self.whole] = (sizes[self.whole],)
         lengths |= {name: (size,) for name, size in sizes.items() if name not in used}
 
         # What distinguishes a grid beside its numbers: names of tasks follow from it.
         identity = (self.title, dict(self.attributes), read_version())
         compute = functools.partial(_compute_part, self.drop_values())
-        return self.label(
-            lazy.make_lazy_arrays(
-                compute,
-                self.shared,
-                self.axes,
-                lengths,
-                self.variables,
-                self.columns,
-                identity,
-            )
+        arrays = lazy.make_lazy_arrays(
+            compute, self.shared, self.axes, lengths, self.variables, self.columns, identity
         )
+        return self.label(arrays).chunk(wanted)
 
     def drop_values(self) -> "Grid":
         """Return the grid without the values of its axes and its shared part.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..host import show_progress, write_whole
 from ..tables import format_heading, write_inputs
+from ..validation import check_kind
 from .grid import divide_into_chunks
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     Raises
     ------
     ValueError
-        If `path` cannot be written.
+        If `dataset` is none, or `path` cannot be written.
 
     Examples
     --------
@@ -40,6 +41,10 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     ...     print(path.read_text().splitlines()[6])
     slenderness [-],width [m],restitution [-],rotation_ratio [-],intensity [m/s]
     """
+    import xarray
+
+    hint = "; resonance_spectrum and other functions of grids give one"
+    check_kind("dataset", dataset, xarray.Dataset, hint=hint)
     path = Path(path)
     with (
         write_whole("path", path.parent, [path.name], overwrite=True) as scratch,

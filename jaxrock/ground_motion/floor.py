@@ -124,7 +124,8 @@ def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
     if is_traced(number) or np.ndim(number):
         kind = "traced" if is_traced(number) else f"an array of shape {np.shape(number)}"
         raise ValueError(
-            f"{name} must be one number, on which the number of samples depends, got {kind}"
+            f"{name} must be one concrete number, since it decides the number of samples,"
+            f" got {kind}"
         )
     if not isinstance(number, int | float | np.ndarray | np.generic | jax.Array):
         as_real(name, number)  # raises, and says what it is

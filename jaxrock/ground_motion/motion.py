@@ -63,7 +63,9 @@ class Motion(Printed, Checked):
     """
 
     name: ClassVar[str]
-    _reader: ClassVar[str] = "read_record"  # for messages, as in `check_kind`
+    # For messages, as in `check_kind`.
+    _reader: ClassVar[str] = "read_record"
+    _sample_maker: ClassVar[str] = "Record(acceleration, time_step)"
 
     start: eqx.AbstractVar[Reals]
 

@@ -114,14 +114,14 @@ class Record(Motion):
         # mistake; many records of two samples each are none that anybody would measure.
         if len(shape) > 1 and shape[-1:] == (2,) and shape[-2:-1] > (2,):
             raise ValueError(
-                "acceleration must be samples along the last axis, got an array of shape"
-                f" {shape}, which would be records of two samples;"
-                " pass the column of accelerations alone"
+                "acceleration must have its samples along the last axis, got an array of shape"
+                f" {shape}, which would be records of two samples each;"
+                " pass only the column of accelerations"
             )
         if self.time_step.shape == shape:
             raise ValueError(
-                "time_step must be one number, the time from one sample to the next,"
-                f" got an array of shape {shape}: as many as samples, as times are"
+                "time_step must be one number, the time from one sample to the next, got an array"
+                f" of shape {shape}, the shape of the samples: these may be their times"
             )
         for name, samples in (
             ("acceleration", self.acceleration),
@@ -305,7 +305,7 @@ class Record(Motion):
         """
         if type(self) is not Record:
             raise ValueError(
-                "a padded record cannot be put on a floor; put the record on it before"
+                "a padded record cannot be put on a floor; call on_floor before bucketed"
             )
         floor = Floor(
             period,

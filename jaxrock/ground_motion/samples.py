@@ -24,9 +24,9 @@ def refuse_times(name: str, rows: np.ndarray) -> None:
         rises = (np.diff(lines, axis=1) >= 0).all(axis=1) & (lines[:, -1] > lines[:, 0])
         if rises.any() and not rises.all():
             raise ValueError(
-                f"{name} must be samples along the last axis, got an array of shape"
-                f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} are times by their rise;"
-                f" pass the {word}s of accelerations alone, as rows"
+                f"{name} must have its samples along the last axis, got an array of shape"
+                f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} never falls, as times;"
+                f" pass only the {word}s of accelerations, as rows"
             )
 
 

@@ -101,7 +101,7 @@ class Suite(Printed, eqx.Module):
         self.names = check_names(names, len(self.records))
         if directions not in (1, 2) or len(self.records) % directions:
             raise ValueError(
-                "directions must be 1, or 2 for records and as many in reverse, got"
+                "directions must be 1, or 2 if the second half reverses the first, got"
                 f" {directions!r:.60} for {len(self.records)} records"
             )
         if ground is not None:
@@ -110,8 +110,8 @@ class Suite(Printed, eqx.Module):
             expected = (len(self.records), np.shape(self.records[0].scale), directions)
             if numbers != expected or ground.ground is not None:
                 raise ValueError(
-                    "ground must be a suite on the ground, of as many records, scales and"
-                    f" directions as the one on the floor, got {ground}"
+                    "ground must be a suite on the ground, with as many records, scales and"
+                    f" directions as this suite, got {ground}"
                 )
             if ground.names != self.names:
                 raise ValueError(
@@ -122,7 +122,7 @@ class Suite(Printed, eqx.Module):
             check_kind("floor", floor, Floor)
             if ground is None or floor.shape:
                 raise ValueError(
-                    f"floor must be a single one, with its ground given as well, got {floor}"
+                    f"floor must be a single floor, given together with ground, got {floor}"
                 )
         self.ground = ground
         self.floor = floor
@@ -160,13 +160,16 @@ class Suite(Printed, eqx.Module):
         """
         if isinstance(which, slice):
             ground = None if self.ground is None else self.ground[which]
+            directions = find_directions(which, self.recordings, self.directions)
+            number = len(self.names[which]) // directions
+            part = f"{number} of " if self.source and number < self.recordings else ""
             return Suite(
                 self.records[which],
                 self.names[which],
                 ground=cast("Suite | None", ground),
                 floor=self.floor,
-                directions=find_directions(which, self.recordings, self.directions),
-                source=self.source,
+                directions=directions,
+                source=part + self.source,
             )
         which = as_text(which)
         if isinstance(which, str):
@@ -259,7 +262,7 @@ class Suite(Printed, eqx.Module):
         check("factors", factors, FINITE)
         if factors.ndim and len(factors) != len(self):
             raise ValueError(
-                f"factors must be one, or one for each of {len(self)} records,"
+                f"factors must be one factor, or one for each of {len(self)} records,"
                 f" got an array of shape {factors.shape}"
             )
         if not factors.ndim:
@@ -335,8 +338,8 @@ class Suite(Printed, eqx.Module):
         )
         if floor.shape:
             raise ValueError(
-                "period, damping and participation must be those of one floor, got arrays of"
-                f" {floor.shape} floors"
+                "period, damping and participation must be those of one floor, got floors of"
+                f" shape {floor.shape}"
             )
         motions = [
             compute_floor_motion(record.acceleration, record.vertical, record.time_step, floor)

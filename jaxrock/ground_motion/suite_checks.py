@@ -19,15 +19,17 @@ def check_records(records: Sequence[Record]) -> tuple[Record, ...]:
     for k, record in enumerate(records):
         if not isinstance(record, Record):
             raise ValueError(
-                f"records must be records, got a {type(record).__name__} as number {k + 1}"
+                f"records must be Records, got a {type(record).__name__} as number {k + 1}"
             )
         samples = (record.acceleration, record.vertical)
         if any(np.ndim(component) > 1 for component in jax.tree.leaves(samples)):
             raise ValueError(
-                f"records must be single ones, number {k + 1} is an array of them"
+                f"records must be single records, but number {k + 1} is an array of records"
             )
         if np.shape(record.time_step) or np.shape(record.start):
-            raise ValueError(f"records must have one time step and start, not number {k + 1}")
+            raise ValueError(
+                f"records must have a single time step and start, but number {k + 1} has several"
+            )
         shape = np.shape(record.scale)
         first = np.shape(records[0].scale)
         if shape != first:

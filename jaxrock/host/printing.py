@@ -65,7 +65,7 @@ def format_derivatives(module: Checked) -> str:
 
 
 def _is_outside(value: object, domain: Domain | None) -> bool:
-    """Tell whether a concrete number other than NaN is outside of its domain."""
+    """Return whether a concrete number other than NaN is outside of its domain."""
     if domain is None or not isinstance(value, jax.Array | np.ndarray | float):
         return False  # also what stands for an array under some transformations
     if is_traced(value):

@@ -26,6 +26,7 @@ from .falling_roots import NOWHERE as NOWHERE
 from .falling_roots import Sample as Sample
 from .falling_roots import Scan as Scan
 from .falling_roots import select_tree as select_tree
+from .forward_only import refuse_reverse_mode as refuse_reverse_mode
 from .implicit import Root as Root
 from .implicit import differentiate_by_jacobian as differentiate_by_jacobian
 from .implicit import differentiate_implicitly as differentiate_implicitly

@@ -123,7 +123,7 @@ def select_tree(condition: Booleans, first: _T, second: _T) -> _T:
 def _propose_trial(
     left: Sample, right: Sample, last: Sample, halve: Booleans
 ) -> tuple[Booleans, Reals]:
-    """Tell whether a falling root may hide in an interval, and propose where to look for it.
+    """Return whether a falling root may hide in an interval, and propose where to look for it.
 
     With `halve` in the middle: Newton's method alone may creep towards a root from one side.
     """

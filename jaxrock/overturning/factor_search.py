@@ -69,7 +69,7 @@ def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear(
     # The samples of a record are an axis of their own, of one record.
     shapes -= {(motion.samples,)} if isinstance(motion, Record) else set()
     if array := next((shape for shape in shapes if shape), None):
-        raise ValueError(f"motion must be a single one, got an array of shape {array}")
+        raise ValueError(f"motion must be a single motion, got an array of shape {array}")
     check("motion", motion, None)
     uplift = _describe_uplift(block, model)
     return _divide_by_strength(*uplift, motion.bucketed(), one_sided=block.one_sided)
@@ -153,7 +153,7 @@ def critical_factor(
     uplift = jax.lax.stop_gradient(uplift_factor(block, motion, model=model))
     if not is_traced(uplift) and not np.isfinite(uplift).all():
         raise ValueError(
-            "motion must lift the block with some factor, got one that never does"
+            "motion must lift the block with some factor, got one that does not with any"
         )
     namespace = choose_namespace(uplift)
     factors = namespace.asarray(uplift)[..., None] * levels.astype(uplift.dtype)

@@ -13,7 +13,7 @@ from ..driven import require_complete, uplift_acceleration
 from ..ground_motion import Motion, Pulse, check_pulse_class
 from ..host import Printed, format_number
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, Numbers, as_real, check_kind, choose_namespace
+from ..validation import Number, Numbers, as_real, check_concrete, check_kind, choose_namespace
 from .boundaries import Boundaries, overturning_boundaries, search_boundaries
 from .quantities import Search
 
@@ -241,6 +241,10 @@ def survival_windows(
     >>> print(f"{found.first_overturning:.3f}", found.windows.round(3))
     2.928 [[7.706 8.085]]
     """
+    check_concrete(
+        (block, restitution, motion, factors),
+        "windows are listed, and overturning_boundaries works under jit",
+    )
     boundaries = overturning_boundaries(
         block, restitution, motion, "factor", factors, model=model
     )

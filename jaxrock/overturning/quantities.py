@@ -168,7 +168,7 @@ def check_subject(
         raise ValueError("motion must be one record, got an array of them")
     if places.ndim == 0 or places.shape[-1] < 2:
         raise ValueError(
-            f"values must be at least two values, got an array of shape {places.shape}"
+            f"values must have at least two elements, got an array of shape {places.shape}"
         )
     of_each = np.broadcast_to(0.0, places.shape[:-1])
     check_shapes(block=block, restitution=restitution, motion=single, values=of_each)

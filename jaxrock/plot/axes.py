@@ -10,6 +10,7 @@ from matplotlib.axis import Axis
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from ..block import SIZES_IN_WORDS
+from ..validation import check_kind
 
 # INK and NEUTRAL are close to the start and the middle of cividis, the map that colours the
 # curves of spectra. Its lightness rises all the way, so that it can be read in grey as well.
@@ -78,6 +79,22 @@ _VARIABLES = {
     "critical_intensity": ("critical intensity", "m s-1"),
 }
 _UNITS = {"1": "-", "m s-1": "m/s", "m s-2": "m/s²", "rad s-1": "rad/s"}
+
+
+def check_result(name: str, value: object, kind: type, source: str) -> None:
+    """Check that what is to be drawn is the result of a function; `source` is its call."""
+    check_kind(name, value, kind, hint=f"; {source} gives one")
+
+
+def check_dataset(name: str, value: object, variables: Sequence[str], source: str) -> None:
+    """Check that what is to be drawn is a dataset with these variables; `source` gives one."""
+    check_result(name, value, xarray.Dataset, source)
+    missing = [variable for variable in variables if variable not in value.variables]
+    if missing:
+        raise ValueError(
+            f"{name} must be a dataset with {', '.join(variables)}, got one without"
+            f" {missing[0]}; {source} gives one"
+        )
 
 
 def get_axes(ax: Axes | None, figsize: tuple[float, float] | None = None) -> Axes:

@@ -22,6 +22,7 @@ from .axes import (
     RATIO,
     add_level,
     add_strip_above,
+    check_result,
     get_axes,
     label_axes,
 )
@@ -62,6 +63,7 @@ def plot_block(block: Block, rotation: float | None = None, ax: Axes | None = No
     >>> import jaxrock as jr
     >>> axes = jr.plot.plot_block(jr.Block(half_width=0.4, slenderness=3.0))
     """
+    check_result("block", block, Block, "Block.from_size(width=..., height=...)")
     critical = float(block.critical_angle)
     rotation = 0.5 * critical if rotation is None else float(rotation)
     if block.one_sided and rotation < 0:
@@ -147,6 +149,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
+    check_result("response", response, Response, "respond(block, restitution, motion)")
     ax = get_axes(ax, figsize=(7.2, 4.8))
     scene = response.scene
     first, last = _find_moving_span(response)
@@ -182,7 +185,8 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     # The legend is one, below: it gets its entry from a line without points.
     for line in (*levels, *ax.plot([], label="lifts the block")):
         line.set(color=LINE, linestyle="-.", linewidth=0.8)
-    label_axes(above, "", "ground [m/s²]")
+    # The ground, or a floor: a record does not know.
+    label_axes(above, "", "base [m/s²]")
     ax.legend(**ABOVE, ncols=4)
     return label_axes(ax, "time [s]", RATIO)
 
@@ -202,6 +206,7 @@ def plot_phase(response: Response, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
+    check_result("response", response, Response, "respond(block, restitution, motion)")
     ax = get_axes(ax)
     block = response.scene.block
     angle = float(block.critical_angle)
@@ -277,6 +282,7 @@ def animate(
     ValueError
         If the span is not within the time that was simulated.
     """
+    check_result("response", response, Response, "respond(block, restitution, motion)")
     block = response.scene.block
     end = float(response.scene.duration)
     angle = float(block.critical_angle)

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 
 from ..calibration import FreeRockingFit
-from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, QUANTILE, label_axes
+from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, QUANTILE, check_result, label_axes
 
 _SIGNIFICANT = 0.05  # p-value below which C is drawn as changing
 
@@ -36,6 +36,7 @@ def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> 
     ValueError
         If `fit` is of several tests.
     """
+    check_result("fit", fit, FreeRockingFit, "fit_free_rocking(impact_times)")
     if np.ndim(fit.restitution):
         shape = np.shape(fit.restitution)
         raise ValueError(f"fit must be of one test, got an array of shape {shape}")

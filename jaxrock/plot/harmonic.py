@@ -10,6 +10,7 @@ from .axes import (
     BACKDROP,
     INK,
     NEUTRAL,
+    check_dataset,
     get_axes,
     label_axes,
     tick_decades,
@@ -50,6 +51,7 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ValueError
         If no amplitude is greater than 0.
     """
+    check_dataset("spectrum", spectrum, ("region", "rotation_ratio"), "harmonic_spectrum(...)")
     ax = get_axes(ax, figsize=(7.2, 4.8))
     # Contours need rising axes, and the amplitude as the first one.
     spectrum = spectrum.sortby(["frequency_ratio", "amplitude_ratio"])

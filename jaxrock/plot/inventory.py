@@ -1,26 +1,33 @@
 """Objects ranked by the rate of overturning."""
 
+import textwrap
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
 from ..risk import describe_need
-from .axes import ACCENT, INK, LINE, QUANTILE, label_axes
+from .axes import ACCENT, INK, LINE, QUANTILE, check_dataset, label_axes
 
-_MOST = 60  # objects that are drawn; more would not be read
+_MOST = 60  # objects that one picture has at most; more would not be read
+_PER_PAGE = 15  # objects of a picture that is printed as wide as a page
 # Decades that an axis has at least, so that a single object does not fill it.
 _DECADES = 2
+_MOST_YEARS = 5  # numbers of years on the upper axis, which are long
+_LETTERS = 80  # of a line below the axis
 
 
 def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the rates of overturning of objects, the highest on top, and the target.
 
     A point is the rate, a line its interval (95 %), which covers the standard error and the
-    windows that were not detected. Beside each object stands its size, and the width at this
+    windows that were not detected. A hollow point is the rate with the low end of a
+    restitution that is assumed. Rates of less than a hundredth of the target stand at the edge.
+    Beside each object stands its size, and the width at this
     height that it needs for the target. The sixty objects with the highest rates are drawn.
 
     Parameters
@@ -35,35 +42,66 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
-    shown = dataset.isel(object=slice(None, _MOST))
+    check_dataset("dataset", dataset, ("object",), "assess_inventory(inventory, site, target)")
+    return _draw_objects(dataset.isel(object=slice(None, _MOST)), ax)
+
+
+def plot_inventory_parts(dataset: xarray.Dataset) -> list[Axes]:
+    """Draw all objects of an inventory, fifteen a picture, which a printed page has room for.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of `jaxrock.risk.assess_inventory`.
+
+    Returns
+    -------
+    list of matplotlib.axes.Axes
+        With the same ends, each in a figure of its own.
+    """
+    check_dataset("dataset", dataset, ("object",), "assess_inventory(inventory, site, target)")
+    ends = _choose_ends(dataset)
+    starts = range(0, dataset.object.size, _PER_PAGE)
+    parts = [dataset.isel(object=slice(start, start + _PER_PAGE)) for start in starts]
+    return [_draw_objects(part, ends=ends) for part in parts]
+
+
+def _draw_objects(
+    shown: xarray.Dataset, ax: Axes | None = None, ends: tuple[float, float] | None = None
+) -> Axes:
+    """Draw objects, all of them; `ends` are those of the axis of rates."""
     number = shown.object.size
     has_new_axes = ax is None
     if ax is None:
         _, ax = plt.subplots(layout="constrained", figsize=(8.0, 2.1 + 0.3 * number))
     figure: Any = ax.figure
-    target = float(dataset.attrs["target"])
+    target = float(shown.attrs["target"])
     rate = shown.rate.values
     rows = np.arange(number)[::-1]
-    # One record has no standard error.
-    sampling = QUANTILE * np.nan_to_num(shown.standard_error.values)
-    half = np.hypot(sampling, shown.not_detected.values)
-    low, high = _choose_ends(rate, half, target)
+    half = _compute_half_widths(shown)
+    low, high = _choose_ends(shown) if ends is None else ends
     # Marks differ as well as colours, for prints in grey.
     for above, colour, mark in ((True, ACCENT, "D"), (False, INK, "o")):
         which = (rate > target) == above
         if not which.any():
             continue
-        ends = np.stack([rate - half, rate + half])[:, which]
-        ax.hlines(rows[which], *ends.clip(low), color=colour, linewidth=1.5)
+        sides = np.stack([rate - half, rate + half])[:, which]
+        ax.hlines(rows[which], *sides.clip(low), color=colour, linewidth=1.5)
         name = f"{'more' if above else 'less'} often than the target"
         at = rate[which].clip(low)
         ax.plot(at, rows[which], mark, color=colour, markersize=7, label=name, clip_on=False)
+    if "rate_at_low_restitution" in shown:
+        at = shown.rate_at_low_restitution.values.clip(low)
+        name = "with the low end of an assumed restitution"
+        style: dict[str, Any] = {"color": INK, "markerfacecolor": "white", "markersize": 5}
+        ax.plot(at, rows, "o", label=name, clip_on=False, **style)
     years = f"once in {_format_years(1 / target)} years"
     ax.axvline(target, color=LINE, linestyle="--", linewidth=1, label=f"target: {years}")
     ax.set(xscale="log", xlim=(low, high), ylim=(-0.7, number - 0.3))
     ranks = zip(shown["rank"].values, shown.object.values, strict=True)
     ax.set_yticks(rows, [f"{name}  {rank}" for rank, name in ranks])
-    ax.tick_params(axis="y", length=0)
+    # Marks at the edge stick out.
+    ax.tick_params(axis="y", length=0, pad=7)
     beside = ax.secondary_yaxis("right")
     beside.set_yticks(rows, [_describe_size(shown.isel(object=k)) for k in range(number)])
     beside.tick_params(length=0, colors=LINE)
@@ -71,14 +109,24 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     top = ax.secondary_xaxis("top", functions=(_invert, _invert))
     top.set_xlabel("return period of overturning [yr]")
     top.xaxis.set_major_formatter(lambda value, _: _format_years(value))
+    top.xaxis.set_major_locator(LogLocator(numticks=_MOST_YEARS))
     top.xaxis.set_minor_formatter(lambda value, _: "")
-    look: dict[str, Any] = {"ncols": 3, "fontsize": "small", "frameon": False}
+    look: dict[str, Any] = {"ncols": 2, "fontsize": "small", "frameon": False}
     if has_new_axes:
         # Below all labels, which the axes do not know.
         figure.legend(loc="outside lower center", **look)
     else:
         ax.legend(**look)
-    return label_axes(ax, "rate of overturning [1/yr]", "", grid="x")
+    records = shown.attrs.get("record_source", f"{shown.attrs['record_count']} records")
+    label = textwrap.wrap(f"under {records}", _LETTERS)
+    return label_axes(ax, "\n".join(["rate of overturning [1/yr]", *label]), "", grid="x")
+
+
+def _compute_half_widths(shown: xarray.Dataset) -> np.ndarray:
+    """Compute half the widths of the intervals of rates."""
+    # One record has no standard error.
+    sampling = QUANTILE * np.nan_to_num(shown.standard_error.values)
+    return np.hypot(sampling, shown.not_detected.values)
 
 
 def _describe_size(assessed: xarray.Dataset) -> str:
@@ -92,13 +140,21 @@ def _describe_size(assessed: xarray.Dataset) -> str:
     return f"{size}; {describe_need(assessed)}"
 
 
-def _choose_ends(rate: np.ndarray, half: np.ndarray, target: float) -> tuple[float, float]:
+def _choose_ends(shown: xarray.Dataset) -> tuple[float, float]:
     """Choose the ends of the axis: all rates above 0, most of the intervals, and the target."""
-    largest = max(float((rate + half).max()), target)
-    least = min([target, *(value for value in rate.tolist() if value > 0)])
+    target = float(shown.attrs["target"])
+    rates = shown.rate.values
+    ends = [target, *(rates + _compute_half_widths(shown)).tolist()]
+    if "rate_at_low_restitution" in shown:
+        at_low = shown.rate_at_low_restitution.values
+        rates = np.append(rates, at_low[np.isfinite(at_low)])
+    largest = max(*ends, *rates.tolist())
+    least = min([target, *(value for value in rates.tolist() if value > 0)])
     high = 1.5 * largest
-    # An interval down to 0 has no place on a logarithmic axis: it ends at the edge.
-    return min(0.4 * least, high / 10**_DECADES), high
+    # An interval down to 0 has no place on a logarithmic axis: it ends at the edge. So does
+    # what is far below the target, which would leave little room for what is near it.
+    least = max(0.4 * least, 10**-_DECADES * target)
+    return min(least, high / 10**_DECADES), high
 
 
 def _invert(value: ArrayLike) -> ArrayLike:

@@ -3,9 +3,14 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..sensitivity import OutcomeProbabilities, describe_parameter
+from ..sensitivity import (
+    OutcomeProbabilities,
+    describe_index,
+    describe_parameter,
+    is_index_known,
+)
 from ..validation import as_name
-from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, get_axes, label_axes
+from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, check_result, get_axes, label_axes
 
 
 def plot_outcome_probabilities(
@@ -25,6 +30,9 @@ def plot_outcome_probabilities(
     matplotlib.axes.Axes
         The axes drawn on.
     """
+    check_result(
+        "probabilities", probabilities, OutcomeProbabilities, "outcome_probabilities(...)"
+    )
     ax = get_axes(ax, figsize=(5.6, 2.6))
     rows = np.arange(len(probabilities.outcomes))[::-1]
     ax.barh(rows, probabilities.probability, height=0.5, color=LIGHT, label="all samples")
@@ -53,7 +61,7 @@ def plot_sobol_indices(
     """Draw which part of the variance of an answer comes from each parameter.
 
     The first-order index is the part of a parameter alone. The total index includes its
-    interactions with other parameters.
+    interactions with other parameters. An index that noise hides has words instead of a bar.
 
     Parameters
     ----------
@@ -72,13 +80,25 @@ def plot_sobol_indices(
     ValueError
         If there is no such answer.
     """
+    check_result(
+        "probabilities", probabilities, OutcomeProbabilities, "outcome_probabilities(...)"
+    )
     answer = as_name("answer", answer, probabilities.answers)
     ax = get_axes(ax, figsize=(5.0, 1.6 + 0.5 * len(probabilities.sources)))
     k = probabilities.answers.index(answer)
     rows = np.arange(len(probabilities.sources))[::-1]
+    # An answer that does not vary, or in too few samples, has no indices.
+    varies = bool(np.isfinite(probabilities.first[k]).any())
     for kind, shift, colour in (("first", 0.2, LIGHT), ("total", -0.2, INK)):
-        values = np.nan_to_num(getattr(probabilities, kind)[k])
-        errors = np.nan_to_num(getattr(probabilities, f"{kind}_error")[k])
+        values = getattr(probabilities, kind)[k]
+        errors = getattr(probabilities, f"{kind}_error")[k]
+        pairs = list(zip(values, errors, strict=True))
+        known = np.array([is_index_known(*pair) for pair in pairs])
+        for row, pair in zip(rows[~known] + shift, np.array(pairs)[~known], strict=True):
+            if varies:
+                ax.text(0.01, row, describe_index(*pair), va="center", fontsize="x-small")
+        values = np.where(known, values, 0.0)
+        errors = np.where(known, errors, 0.0)
         ax.barh(
             rows + shift,
             values,
@@ -90,10 +110,10 @@ def plot_sobol_indices(
         )
     ax.axvline(0, color=LINE, linewidth=0.8)
     ax.set_yticks(rows, [describe_parameter(name) for name in probabilities.sources])
-    # An answer that does not vary has no indices, which is said where the bars would be.
-    if not np.isfinite(probabilities.first[k]).any():
-        ax.text(0.5, 0.5, "does not vary", ha="center", va="center", transform=ax.transAxes)
+    if not varies:
+        words = "no indices: too few samples differ"
+        ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
     # Estimates of an index near 1 have errors that reach beyond it.
-    ax.set_xlim(min(0.0, ax.get_xlim()[0]), max(1.05, ax.get_xlim()[1]))
+    ax.set_xlim(0.0, max(1.05, ax.get_xlim()[1]))
     ax.legend(**ABOVE, ncols=2, fontsize="small")
     return label_axes(ax, f"Sobol index: {answer} [-]", "", grid="x")

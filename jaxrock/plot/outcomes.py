@@ -12,6 +12,7 @@ from .axes import (
     BESIDE,
     INK,
     NEUTRAL,
+    check_dataset,
     get_axes,
     label_axes,
     tick_decades,
@@ -39,6 +40,7 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
+    check_dataset("scores", scores, ("probability", "overturned"), "cross_validate(...)")
     ax = get_axes(ax, figsize=(6.6, 5.0))
     ax.plot([0, 1], [0, 1], "--", color=NEUTRAL, label="as predicted")
     # Bins into which no prediction fell have nothing to show.
@@ -109,6 +111,7 @@ def plot_outcomes(
     ValueError
         If there is no such measure.
     """
+    check_dataset("scores", scores, ("probability", "overturned"), "cross_validate(...)")
     measure = as_name("measure", measure, _MEASURES)
     ax = get_axes(ax, figsize=(7.0, 4.5))
     probability = scores.probability.sel(predictor="blocks").values

@@ -12,8 +12,10 @@ from ..validation import Number
 from .axes import (
     ABOVE,
     ACCENT,
+    BACKDROP,
     INK,
     NEUTRAL,
+    check_result,
     get_axes,
     label_axes,
     tick_decades,
@@ -35,7 +37,8 @@ def plot_boundaries(
 ) -> Axes:
     """Draw where a block stands and where it overturns, along a quantity.
 
-    Boundaries are labelled where there is room, the first one always.
+    Boundaries are labelled where there is room, the first one always; the axis says how many
+    are not.
 
     Parameters
     ----------
@@ -46,7 +49,7 @@ def plot_boundaries(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
     uplift : float, optional
-        Value of the quantity from which on the block is lifted, which is marked.
+        Value of the quantity from which on the block is lifted. It is marked.
 
     Returns
     -------
@@ -64,6 +67,7 @@ def plot_boundaries(
     >>> boundaries = jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0))
     >>> axes = jr.plot.plot_boundaries(boundaries, (0.01, 1.0))
     """
+    check_result("boundaries", boundaries, Boundaries, "overturning_boundaries(...)")
     if np.ndim(boundaries.count):
         raise ValueError(
             f"boundaries must be of one block, got an array of shape {np.shape(boundaries.count)}"
@@ -92,9 +96,13 @@ def plot_boundaries(
     ax.set(xlim=_widen_range(ends, uplift, ax.get_xscale() == "log"), ylim=(0, 1))
     if uplift is not None and np.isfinite(uplift):
         line = {"color": INK, "linestyle": "--", "linewidth": 1.4}
-        ax.axvline(uplift, **line, label=f"lifted from {uplift:.4g} on")
+        ax.axvline(uplift, **line, label=f"lifts off from {uplift:.4g}")
     if values.size:
-        _label_values(ax, edges)
+        missing = values.size - _label_values(ax, edges)
+        if missing:
+            note = f"{missing} of {values.size} boundaries are not labelled"
+            place = {"transform": ax.transAxes, "ha": "right", "va": "bottom"}
+            ax.text(0.995, 0.03, note, fontsize="small", bbox=BACKDROP, **place)
     ax.set_yticks([])
     ax.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False, fontsize="small")
     return label_axes(ax, write_parameter_label(boundaries.along, varied=True), "", grid="x")
@@ -114,8 +122,11 @@ def _widen_range(
     return low - margin, high + margin
 
 
-def _label_values(ax: Axes, edges: np.ndarray) -> None:
-    """Write boundaries above the axes, as many as there is room for; `edges` has both ends."""
+def _label_values(ax: Axes, edges: np.ndarray) -> int:
+    """Write boundaries above the axes where there is room, and return how many.
+
+    `edges` has both ends of the range as well.
+    """
     places = ax.transData.transform(np.column_stack([edges, np.zeros_like(edges)]))
     along = ax.transAxes.inverted().transform(places)[:, 0]
     # The first and the last one matter most, then those beside intervals that are seen best.
@@ -137,6 +148,7 @@ def _label_values(ax: Axes, edges: np.ndarray) -> None:
             va="bottom",
             fontsize="small",
         )
+    return len(labelled)
 
 
 def plot_critical_intensity(
@@ -144,7 +156,7 @@ def plot_critical_intensity(
 ) -> Axes:
     """Draw the intensity of timed pulses that just overturn a block, over their number.
 
-    By both models, with the limit for pulses without end.
+    Both models are drawn, with the limit for an endless sequence of pulses.
 
     Parameters
     ----------
@@ -166,6 +178,7 @@ def plot_critical_intensity(
     >>> import jaxrock as jr
     >>> axes = jr.plot.plot_critical_intensity(jr.Block(0.4, 5.0), 0.7, intensity=0.3)
     """
+    check_result("block", block, Block, "Block.from_size(width=..., height=...)")
     ax = get_axes(ax, figsize=(6.4, 4.2))
     count = np.arange(1.0, _MOST_HALF_CYCLES + 1)
     # The models are often too close to be told apart: circles around points.
@@ -185,5 +198,7 @@ def plot_critical_intensity(
         ax.axhline(intensity, **line, label=f"given: {intensity:.4g} m/s")
     ax.set_ylim(bottom=0)
     ax.set_xticks([1, 5, 10, 15, 20])
-    ax.legend(**ABOVE, ncols=2, fontsize="small")
+    size = f"{float(block.width):.3g} m wide, {float(block.height):.3g} m high"
+    title = f"{size}, $C$ = {float(np.asarray(restitution)):.3g}"
+    ax.legend(**ABOVE, ncols=2, fontsize="small", title=title)
     return label_axes(ax, "half-cycles [-]", "critical intensity [m/s]")

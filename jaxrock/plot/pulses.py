@@ -18,6 +18,8 @@ from .axes import (
     RATIO,
     add_level,
     add_strip_above,
+    check_dataset,
+    check_result,
     get_axes,
     label_axes,
     tick_decades,
@@ -62,6 +64,7 @@ def plot_resonance(
     >>> import jaxrock as jr
     >>> axes = jr.plot.plot_resonance(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15), half_cycles=3)
     """
+    check_result("scene", scene, Scene, "Scene(block, restitution, intensity)")
     model = resonance.as_model(model)
     if half_cycles < 1:
         raise ValueError(f"half_cycles must be at least 1, got {half_cycles}")
@@ -116,6 +119,7 @@ def plot_overturning_map(boundaries: xarray.Dataset, ax: Axes | None = None) -> 
     >>> boundaries = jr.overturning_map(jr.Sine, [4.0], restitution=0.9)
     >>> axes = jr.plot.plot_overturning_map(boundaries)
     """
+    check_dataset("boundaries", boundaries, ("overturns", "impacts"), "overturning_map(...)")
     ax = get_axes(ax, figsize=(7.2, 4.4))
     boundaries = boundaries.sortby("frequency_ratio")
     ratios = boundaries.frequency_ratio.values

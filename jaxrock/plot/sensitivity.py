@@ -18,6 +18,7 @@ from .axes import (
     INK,
     LIGHT,
     LINE,
+    check_result,
     get_axes,
     label_axes,
     write_label,
@@ -25,10 +26,12 @@ from .axes import (
 )
 
 # Without the darkest colours, on which neither lines nor numbers could be read.
-_SIGNED = ListedColormap(matplotlib.colormaps["PuOr"](np.linspace(0.15, 0.85, 255)))
+# Of so many colours that no stripes are seen.
+_COLOURS = matplotlib.colormaps["PuOr"].resampled(2**12)
+_SIGNED = ListedColormap(_COLOURS(np.linspace(0.15, 0.85, 1021)))
 # Half of it, for values of one sign, from pale to dark.
-_POSITIVE = ListedColormap(_SIGNED(np.linspace(0.5, 1, 255)))
-_NEGATIVE = ListedColormap(_SIGNED(np.linspace(0, 0.5, 255)))
+_POSITIVE = ListedColormap(_COLOURS(np.linspace(0.5, 0.85, 1021)))
+_NEGATIVE = ListedColormap(_COLOURS(np.linspace(0.15, 0.5, 1021)))
 _MANY_TIMES = 4  # values that differ so much are coloured by their logarithms
 _STEPS = (1.0, 3.0)  # of logarithmic levels: the numbers of closer ones would meet
 _NAME_LENGTH = 28  # letters of a line of a name
@@ -36,10 +39,11 @@ _HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 
 
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
-    """Draw what each parameter can do to an answer within its range.
+    """Draw how far each parameter moves an answer within its range.
 
     An end at which there is no answer says that the block overturns there. Where it overturns
-    with all parameters unchanged, the line stands beyond the highest answer.
+    with all parameters unchanged, the line stands beyond the highest answer. Where it overturns
+    at all ends as well, a sentence stands instead of the bars.
 
     Parameters
     ----------
@@ -60,6 +64,13 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     >>> bars = jr.tornado(jr.rotation_ratio, wall, {"restitution": (0.6, 0.8)})
     >>> axes = jr.plot.plot_tornado(bars, label="rotation ratio [-]")
     """
+    check_result("bars", bars, TornadoBars, "tornado(answer, at, ranges)")
+    if bars.always_overturns:
+        ax = get_axes(ax, figsize=(6.4, 1.6))
+        words = "The block overturns, also at both ends of every range:\nthere are no bars."
+        ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
+        ax.set(xticks=[], yticks=[])
+        return label_axes(ax, label, "", grid="x")
     rows = np.arange(len(bars.names))[::-1]
     names = [
         _wrap_name(write_parameter_label(name, varied=name in ("half_width", *bars.sides)))
@@ -154,19 +165,20 @@ def plot_sensitivity_map(
 ) -> Axes:
     """Draw a derivative or an elasticity over two parameters, its sign by colour.
 
-    Where both signs occur, white and the thick line are zero, and contours below it are
-    dashed. Values of one sign go from pale to dark, by their logarithms where they differ
-    much, so that all colours are used. Hatched where there is no value, as beyond the
-    overturning threshold: on a fine grid that ends in a smooth line.
+    If both signs occur, white and the thick line are zero, and contours of negative values
+    are dashed. Values of one sign go from pale to dark, on a logarithmic scale if they differ
+    much, so that all colours are used. Points without a value, as beyond the overturning
+    threshold, are hatched; on a fine grid the hatching ends in a smooth line.
 
     Parameters
     ----------
     sensitivities : xarray.DataArray
         With two dimensions, the second one the horizontal axis.
     limit : float, optional
-        End of the colours on both sides of 0, so that several maps share them. By default at
-        least the largest 5 % of values are beyond, and of one sign the smallest 2 % as well:
-        the steepest, at the overturning threshold, would hide all others.
+        End of the colour scale on both sides of 0, so that several maps share it. By default
+        at least the largest 5 % of the values lie beyond it, and for values of one sign the
+        smallest 2 % as well: the extreme values at the overturning threshold would hide all
+        others.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 
@@ -180,6 +192,9 @@ def plot_sensitivity_map(
     ValueError
         If there are not two dimensions.
     """
+    check_result(
+        "sensitivities", sensitivities, xarray.DataArray, "xarray.DataArray(values, axes)"
+    )
     if sensitivities.ndim != 2:
         raise ValueError(f"sensitivities must have two dimensions, got {sensitivities.dims}")
     ax = get_axes(ax)

@@ -23,6 +23,8 @@ from .axes import (
     LINE,
     NEUTRAL,
     POINTS,
+    check_dataset,
+    check_result,
     get_axes,
     label_axes,
     write_label,
@@ -92,6 +94,9 @@ def plot_curves(
     >>> curves = spectrum.rotation_ratio.sel(restitution=0.6)
     >>> axes = jr.plot.plot_curves(curves, hue="width")
     """
+    check_result(
+        "variable", variable, xarray.DataArray, "resonance_spectrum(...).rotation_ratio"
+    )
     hue = as_text(hue)
     along = as_text(along)
     ax, curves = _draw_curves(variable, hue, along, ax)
@@ -236,6 +241,7 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     >>> spectrum = jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
     >>> figure = jr.plot.plot_spectrum(spectrum)
     """
+    check_dataset("spectrum", spectrum, ("slenderness",), "resonance_spectrum(...)")
     variable = as_name("variable", variable, map(str, spectrum.data_vars))
     about = spectrum.attrs
     # Spectra to a tolerance have the model "auto": the threshold of the nonlinear equation is
@@ -328,6 +334,7 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     >>> spectrum = jr.rocking_spectrum(jr.Sine(4.0, 0.5), [2.0, 4.0], slenderness=5.0)
     >>> figure = jr.plot.plot_rocking_spectrum(spectrum)
     """
+    check_dataset("spectrum", spectrum, ("period", "overturned"), "rocking_spectrum(...)")
     return _draw_panels(
         spectrum, _draw_rocking_curves, (4.0, 3.6), slenderness=5, restitution=4
     )

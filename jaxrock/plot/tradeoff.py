@@ -4,7 +4,7 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 
-from .axes import ABOVE, ACCENT, INK, LIGHT, NEUTRAL, get_axes, label_axes
+from .axes import ABOVE, ACCENT, INK, LIGHT, NEUTRAL, check_dataset, get_axes, label_axes
 
 _FAMILIES = {
     "linearized": (LIGHT, "^"),
@@ -33,6 +33,7 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
+    check_dataset("dataset", dataset, ("error",), "measure_tradeoff(scene).dataset")
     ax = get_axes(ax, figsize=(8.0, 5.4))
     rows = dataset.where(np.isfinite(dataset.error), drop=True).sortby("error")
     for level, (colour, marker) in _FAMILIES.items():

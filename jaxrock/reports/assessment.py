@@ -14,7 +14,7 @@ from ..block import RECTANGLE_INERTIA_RATIO, SIZES_IN_WORDS, Block, size_of
 from ..host import map_in_threads
 from ..impact import count_half_cycles, housner_restitution, one_sided_restitution
 from ..resonance import Linearized, Nonlinear, RockingModel, Scene
-from ..validation import Number, check_kind
+from ..validation import Number, check_concrete, check_kind
 
 _HALF_CYCLES = {"1": 1.0, "2": 2.0, "5": 5.0, "10": 10.0, "unlimited": math.inf}
 # Numbers and texts by their names, and more of these.
@@ -106,9 +106,10 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     Returns
     -------
     dict
-        Nested, of numbers, NaN where a quantity does not exist: ``scene``, the same for
-        the models, ``models`` with the answers of each, ``linearization_error``, the ratio of
-        `Linearized` to `Nonlinear` less 1, and with a tolerance ``choice``, also of text.
+        Nested, with numbers, NaN where a quantity does not exist: ``scene``, which both
+        models share; ``models``, the answers of each; ``linearization_error``, the ratio of
+        `Linearized` to `Nonlinear` minus 1; and with a tolerance ``choice``, which has text
+        as well.
 
     Raises
     ------
@@ -127,6 +128,7 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     1.111 s
     """
     check_kind("scene", scene, Scene)
+    check_concrete(scene, "an assessment is a text of numbers")
     _require_single("scene", scene)
     result = _run_programs(scene, _describe_scene, _compute_answers)
     if tolerance is not None:
@@ -146,9 +148,7 @@ def _require_single(name: str, scene: Scene) -> None:
     """Raise `ValueError` for a scene that holds arrays."""
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
-        raise ValueError(
-            f"{name} must be a single one to be assessed, got an array of {shape}"
-        )
+        raise ValueError(f"{name} must be single to be assessed, got an array of {shape}")
 
 
 def _run_programs(scene: Scene, describe: Program, compute: Program) -> Answers:

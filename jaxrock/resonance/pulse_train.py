@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from ..block import Block
 from ..host import Printed, Status, format_fields
 from ..impact import read_restitution, side_after_impact, velocity_after_impact
-from ..numerics import pick_larger
+from ..numerics import pick_larger, refuse_reverse_mode
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -201,13 +201,17 @@ def respond_to_train(
     block.check()
     if t.ndim != 1 or t.shape != pulses.shape or not t.size:
         raise ValueError(
-            "times and intensities must be two lists of one length, got shapes"
+            "times and intensities must be one-dimensional and equally long, got shapes"
             f" {t.shape} and {pulses.shape}"
         )
-    if not is_traced(t) and (np.diff(np.asarray(t)) < 0).any():
-        raise ValueError("times must not decrease")
+    if not is_traced(t) and (falls := np.diff(np.asarray(t)) < 0).any():
+        first = int(falls.argmax())
+        raise ValueError(f"times must not decrease, got {t[first + 1]:g} after {t[first]:g}")
     block, c, t, pulses = unify_precision((block, c, t, pulses))
-    return follow_timed_train(Rocker(block, c, as_model(model)), t, pulses)
+    response = follow_timed_train(Rocker(block, c, as_model(model)), t, pulses)
+    if is_traced(response):
+        return refuse_reverse_mode("respond_to_train", response)
+    return response
 
 
 @eqx.filter_jit
@@ -316,7 +320,7 @@ def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMot
         )
 
     def is_landing(carry: tuple[FreeMotion, Reals]) -> Booleans:
-        """Tell whether the block lands before the interval ends."""
+        """Return whether the block lands before the interval ends."""
         motion, left = carry
         goes_on = (
             (motion.x > least_velocity) & (motion.impacts < _MAX_IMPACTS) & ~motion.overturned

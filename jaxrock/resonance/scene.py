@@ -1,5 +1,8 @@
 """The scene of resonance: a block, its restitution, and the pulses that drive it."""
 
+import warnings
+from typing import ClassVar
+
 from ..block import Block
 from ..host import Printed, format_derivatives, format_number
 from ..impact import read_restitution
@@ -10,6 +13,7 @@ from ..validation import (
     Number,
     Reals,
     as_field,
+    check_kind,
     quantity,
 )
 
@@ -39,11 +43,29 @@ class Scene(Printed, Checked):
     restitution 0.7, pulses of 0.15 m/s
     """
 
+    _maker: ClassVar[str] = "Scene(block, restitution, intensity)"  # as in `check_kind`
+
     block: Block
     restitution: Reals = quantity(UNIT_INTERVAL, "")
     intensity: Reals = quantity(NON_NEGATIVE, "m/s")
 
+    def __new__(cls, *numbers: object, **named: object) -> "Scene":
+        """Warn of a restitution and an intensity that are likely exchanged."""
+        if len(numbers) == 3:
+            restitution, intensity = numbers[1:]
+            numeric = isinstance(restitution, float) and isinstance(intensity, float)
+            # Restitutions are hardly below 0.3, nor intensities at once in their usual range.
+            if numeric and 0 < restitution < 0.3 and 0.5 < intensity <= 1:
+                warnings.warn(
+                    f"restitution is {restitution:g} and intensity {intensity:g} m/s:"
+                    " Scene(block, restitution, intensity) takes them in this order, or by"
+                    " name",
+                    stacklevel=3,
+                )
+        return super().__new__(cls)
+
     def __init__(self, block: Block, restitution: Number, intensity: Number):
+        check_kind("block", block, Block)
         self.block = block
         self.restitution = read_restitution(block, restitution)
         self.intensity = as_field(Scene, "intensity", intensity)

@@ -208,7 +208,7 @@ def _tell_overturning(
     alternating = rocker.unit * jnp.where(number % 2 == 0, 1, -1)
 
     def is_overturning(spacing: Reals, strength: Reals) -> Booleans:
-        """Tell whether one train overturns the block."""
+        """Return whether one train overturns the block."""
         return follow_timed_train(rocker, spacing * number, strength * alternating).overturned
 
     return jax.vmap(is_overturning)(spacings, strengths)

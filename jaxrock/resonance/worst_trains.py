@@ -18,6 +18,7 @@ from ..validation import (
     as_name,
     as_real,
     check,
+    check_concrete,
     check_kind,
     unify_precision,
 )
@@ -177,8 +178,9 @@ def worst_train(
         0.5192         -0.47477  0.00000
         1.6100          0.47477  0.00000
     """
-    restitution = read_restitution(block, restitution)
     check_kind("block", block, Block)
+    check_concrete((block, restitution), "the search depends on the answers")
+    restitution = read_restitution(block, restitution)
     block.check()
     for name, value in (("count", count), ("starts", starts)):
         if value < 1:
@@ -203,7 +205,7 @@ def worst_train(
 
     block, restitution = unify_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
-        raise ValueError("block and restitution must be one, not arrays")
+        raise ValueError("block and restitution must be a single block and number, got arrays")
     rocker = Rocker(block, restitution, as_model(model))
     problem = TrainProblem(
         rocker=rocker,

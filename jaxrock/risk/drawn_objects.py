@@ -20,7 +20,7 @@ class DrawnObjects(NamedTuple):
     floors : FloorFactors of shape (rows,), or None
         None where the floor is the same for all.
     owner : ndarray of int, shape (rows,)
-        Index of the object.
+        Index of the object; -1 of rows that are no sample of one.
     """
 
     block: Block
@@ -52,3 +52,20 @@ def draw_objects(objects: Objects, uncertain: Uncertain | None, suite: Suite) ->
     )
     owner = np.concatenate([owner, np.repeat(np.flatnonzero(has_samples), uncertain.samples)])
     return DrawnObjects(block, restitution, floors, owner)
+
+
+def add_restitutions(
+    drawn: DrawnObjects, indices: np.ndarray, restitution: np.ndarray
+) -> DrawnObjects:
+    """Add the medians of some objects once more, with other restitutions."""
+    block, floors = jax.tree.map(
+        lambda rows: np.concatenate([rows, np.asarray(rows)[indices]]),
+        (drawn.block, drawn.floors),
+    )
+    restitution = restitution.astype(drawn.restitution.dtype)
+    return DrawnObjects(
+        block,
+        np.concatenate([drawn.restitution, restitution]),
+        floors,
+        np.concatenate([drawn.owner, np.full(len(indices), -1)]),
+    )

@@ -1,6 +1,6 @@
 """Probabilities of exceedance, counted from responses, and curves fitted to them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -8,7 +8,8 @@ import numpy as np
 from ..grids import DataType
 from ..host import add_names
 from ..numerics import bound_probabilities
-from .lognormal import LognormalFit, fit_lognormal
+from ..validation import POSITIVE, as_real, as_text, check
+from .lognormal import BoundarySums, LognormalFit, fit_lognormal
 
 if TYPE_CHECKING:
     import xarray
@@ -17,6 +18,29 @@ Threshold = float | int | str
 # Rotation ratios beyond which a response exceeds a threshold that has a name. Whatever
 # overturns exceeds all of them.
 NAMED_THRESHOLDS: dict[Threshold, float] = {"uplift": 0.0, "overturning": np.inf}
+
+
+def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
+    """Name the thresholds; a `ValueError` if they are not allowed."""
+    if isinstance(thresholds, str) or not isinstance(thresholds, Iterable):
+        raise ValueError(f"thresholds must be a list of them, got {thresholds!r:.60}")
+    names = [_name_threshold(threshold) for threshold in thresholds]
+    if not names or len(set(names)) < len(names):
+        listed = ", ".join(names) or "none"
+        raise ValueError(f"thresholds must be at least one, each only once, got {listed}")
+    return names
+
+
+def _name_threshold(threshold: Threshold) -> str:
+    """Name a threshold; a `ValueError` if it is none."""
+    threshold = as_text(threshold)
+    if isinstance(threshold, str):
+        if threshold not in NAMED_THRESHOLDS:
+            allowed = f"rotation ratios, {' or '.join(map(repr, NAMED_THRESHOLDS))}"
+            raise ValueError(f"thresholds must be {allowed}, got {threshold!r}")
+        return threshold
+    check("thresholds", as_real("thresholds", threshold), POSITIVE)
+    return f"{float(threshold):g}"
 
 
 def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
@@ -66,7 +90,7 @@ class _FragilityCurve(NamedTuple):
 
 def add_curves(
     responses: "xarray.Dataset",
-    thresholds: Sequence[Threshold],
+    limits: Sequence[float],
     names: Sequence[str],
     confidence: float,
     directions: int,
@@ -80,34 +104,37 @@ def add_curves(
     """
     import xarray
 
-    limits = xarray.DataArray(
-        [float(NAMED_THRESHOLDS.get(threshold, threshold)) for threshold in thresholds],
-        dims="threshold",
-    )
-    exceeded = (responses.rotation_ratio > limits) | (responses.overturned > 0)
+    ratios = xarray.DataArray(limits, dims="threshold")
+    exceeded = (responses.rotation_ratio > ratios) | (responses.overturned > 0)
     counts = exceeded.sum("record")
+    sums = responses.boundary_sums.sum("record")
     if directions > 1:
         counts = counts / directions
+        sums = sums / directions
     if "sample" in counts.dims:
         variables = _VARIABLES | _PARTS_OF_DISPERSION
     else:
         variables = _VARIABLES
         counts = counts.expand_dims("sample")
+        sums = sums.expand_dims("sample")
     dims, dtypes, long_names = zip(*variables.values(), strict=True)
     chunks = responses.chunks
     if chunks:
-        # A curve is fitted to the counts of all samples at all levels.
+        # A curve is of all samples and all levels.
         counts = counts.chunk({"sample": -1, "level": -1})
+        sums = sums.chunk({"sample": -1})
     arrays = xarray.apply_ufunc(
         _compute_curves,
         counts,
+        sums,
+        ratios == NAMED_THRESHOLDS["uplift"],
         kwargs={
             "levels": responses.level.values,
             "records": responses.sizes["record"] // directions,
             "confidence": confidence,
             "dtypes": dict(zip(variables, dtypes, strict=True)),
         },
-        input_core_dims=[["sample", "level"]],
+        input_core_dims=[["sample", "level"], ["sample", "power"], []],
         output_core_dims=dims,
         output_dtypes=dtypes,
         dask="parallelized",
@@ -132,6 +159,8 @@ def add_curves(
 
 def _compute_curves(
     counts: np.ndarray,
+    sums: np.ndarray,
+    is_uplift: np.ndarray,
     levels: np.ndarray,
     records: int,
     confidence: float,
@@ -139,9 +168,15 @@ def _compute_curves(
 ) -> tuple[np.ndarray, ...]:
     """Compute variables of these types for counts of shape (..., samples, levels)."""
     *shape, samples, _ = counts.shape
+    uplift = np.broadcast_to(is_uplift, shape).reshape(-1)
     curves = [
-        _compute_curve(lines, levels, records, confidence)
-        for lines in counts.reshape(-1, samples, levels.size)
+        _compute_curve(lines, powers, bool(known), levels, records, confidence)
+        for lines, powers, known in zip(
+            counts.reshape(-1, samples, levels.size),
+            sums.reshape(-1, samples, 3),
+            uplift,
+            strict=True,
+        )
     ]
     variables = []
     for name, dtype in dtypes.items():
@@ -151,16 +186,32 @@ def _compute_curves(
 
 
 def _compute_curve(
-    counts: np.ndarray, levels: np.ndarray, records: int, confidence: float
+    counts: np.ndarray,
+    sums: np.ndarray,
+    is_uplift: bool,
+    levels: np.ndarray,
+    records: int,
+    confidence: float,
 ) -> _FragilityCurve:
     """Compute counted and fitted probabilities of one threshold; counts (samples, levels)."""
     # A record counts by the fraction of its samples, whose variance is smaller than that of a
     # single outcome with the same mean: the interval is too wide, never too narrow.
     mean = counts.mean(axis=0)
     low, high = bound_probabilities(mean, records, confidence)
-    fit = fit_lognormal(levels, mean, records)
-    fitted = fit.at(levels)
-    remarks = [fit.remark] if fit.remark else []
+    ends = (float(levels[0]), float(levels[-1]))
+
+    def fit(count: float, powers: np.ndarray) -> LognormalFit:
+        """Fit a curve where `count` records exceed at the lowest level."""
+        # The level of uplift is known also outside of the levels.
+        below = 0.0 if is_uplift else float(count)
+        above = max(records - below - float(powers[0]), 0.0)
+        return fit_lognormal(BoundarySums(below, above, powers), ends)
+
+    curve = fit(float(mean[0]), sums.mean(axis=0))
+    fitted = curve.at(levels)
+    remarks = [curve.remark] if curve.remark else []
+    if not is_uplift and not ends[0] <= curve.median <= ends[1] and curve.median > 0:
+        remarks.append("the median lies outside of the levels")
     outside = int(((fitted < low) | (fitted > high)).sum())
     if outside:
         remarks.append(f"outside of the intervals at {outside} of {levels.size} levels")
@@ -170,16 +221,20 @@ def _compute_curve(
     if falls:
         places = f"{falls} level{'s' * (falls > 1)}"
         remarks.append(f"at {places} fewer records exceed it than at the one below")
-    fits = [fit] if len(counts) == 1 else [fit_lognormal(levels, c, records) for c in counts]
+    curves = (
+        [curve]
+        if len(counts) == 1
+        else [fit(float(c), p) for c, p in zip(counts[:, 0], sums, strict=True)]
+    )
     return _FragilityCurve(
         mean / records,
         low,
         high,
         fitted,
-        fit.median,
-        fit.dispersion,
+        curve.median,
+        curve.dispersion,
         "; ".join(remarks),
-        *_split_dispersion(fits),
+        *_split_dispersion(curves),
     )
 
 

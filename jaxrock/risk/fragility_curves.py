@@ -1,7 +1,7 @@
 """Fragility: probabilities of exceeding thresholds under a suite, over the intensity."""
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -9,7 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..block import Block, size_of
-from ..driven import Batch, Labels, follow_within, require_complete
+from ..driven import (
+    Batch,
+    BatchResponse,
+    Labels,
+    follow_batch,
+    follow_within,
+    require_complete,
+)
 from ..grids import DataType, Grid, GridVariable, apply_padded
 from ..ground_motion import MEASURES, Suite, describe_suite, require_positive_measures
 from ..host import add_names
@@ -22,18 +29,20 @@ from ..validation import (
     Numbers,
     as_name,
     as_real,
-    as_text,
     check,
     check_increasing,
     check_kind,
 )
+from .boundary_sums import find_uplift_levels, sum_boundaries
 from .exceedance import (
     NAMED_THRESHOLDS,
     Threshold,
     add_curves,
     describe_variable,
+    name_thresholds,
 )
 from .floor_samples import vary_motions
+from .lognormal import sum_powers
 from .objects import Objects, gather_objects
 from .site import require_single_scales
 
@@ -44,6 +53,7 @@ if TYPE_CHECKING:
 
 _LARGEST = 2**14  # responses that are simulated at once
 _USUAL = 2**11  # responses in a chunk of a lazy dataset
+_SUMS = "sums over boundaries of exceedance of powers 0, 1, 2 of ln(level), minus at its ends"
 # Type, long name and unit of the variables over record and level.
 _RESPONSES: dict[str, tuple[DataType, str, str]] = {
     "factor": (float, "factor on the record", "1"),
@@ -82,8 +92,8 @@ def fragility(
         C [-], between 0 and 1; for all blocks, or an array with a value for each.
     suite : Suite
     levels : array_like, shape (n,), optional
-        Increasing levels to which each record is scaled [unit of the measure]; by default 25,
-        from far below what lifts blocks of this size to far above what overturns them.
+        Increasing levels to which each record is scaled [unit of the measure]; by default 25
+        levels, from far below uplift of blocks of this size to far above overturning.
     measure : str
         ``"pgv"``, ``"pga"``, ``"pgv_ratio"`` or ``"pga_ratio"``; see `intensity_measure`.
     thresholds : sequence of float or str
@@ -96,7 +106,7 @@ def fragility(
     tolerance : float
         Relative error of peak rotations; see `respond_within`.
     confidence : float
-        Of the intervals, between 0 and 1.
+        Confidence level of the intervals, between 0 and 1.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     chunks : mapping of str to int or "auto", optional
@@ -117,8 +127,11 @@ def fragility(
           where the suite has both.
         - Over threshold: ``lognormal_median``, ``lognormal_dispersion``, and a ``remark``,
           which says where the curve does not fit: overturning is not monotone in the level.
+          The curve is fitted to the levels at which each record begins or ceases to exceed
+          the threshold. That of uplift is exact; others are located between two levels.
         - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
-        - Over record and level: every response, and the factor on the record.
+        - Over record and level: every response, and the factor on the record. Over record and
+          threshold: ``boundary_sums``, what the curve is fitted to.
 
         With `uncertain` the responses have the dimension ``sample`` as well, and the
         probabilities are averaged over samples and records. The intervals treat the records as
@@ -150,6 +163,7 @@ def fragility(
         )
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     threshold_names = name_thresholds(thresholds)
+    limits = [float(NAMED_THRESHOLDS.get(value, value)) for value in thresholds]
     model = as_model(model)
     measure = as_name("measure", measure, MEASURES)
     if levels is None:
@@ -162,11 +176,13 @@ def fragility(
     if uncertain is not None:
         check_kind("uncertain", uncertain, Uncertain)
         axes["sample"] = np.arange(uncertain.samples)
+    of_record = (*axes, "threshold", "power")
     axes["level"] = levels
     variables = {
         name: GridVariable(tuple(axes), dtype, describe_variable(long_name, units))
         for name, (dtype, long_name, units) in _RESPONSES.items()
     }
+    variables["boundary_sums"] = GridVariable(of_record, float, describe_variable(_SUMS))
     attributes: dict[str, object] = {
         "model": model.name,
         **_describe_objects(objects, uncertain),
@@ -181,17 +197,21 @@ def fragility(
         axes,
         variables,
         attributes,
-        functools.partial(_simulate_scaled_records, tolerance, model, tuple(axes)),
-        _LARGEST,
+        functools.partial(_simulate_scaled_records, tolerance, model, tuple(axes), limits),
+        max(_LARGEST, levels.size),
         _USUAL,
         labels={"level": describe_variable(*MEASURES[measure][:2])},
-        shared=_gather_input(objects, uncertain, suite, strengths),
+        columns={"threshold": len(threshold_names), "power": 3},
+        shared=_gather_input(
+            objects, uncertain, suite, strengths, model if 0.0 in limits else None
+        ),
+        whole="level",
     )
     labels = {"record": (suite.names, "ground motion")}
     if objects.shape:
         labels["object"] = (objects.names, "object")
     responses = add_names(grid.build_dataset(chunks), **labels)
-    return add_curves(responses, thresholds, threshold_names, confidence, suite.directions)
+    return add_curves(responses, limits, threshold_names, confidence, suite.directions)
 
 
 def _choose_levels(block: Block, measure: str) -> np.ndarray:
@@ -200,7 +220,7 @@ def _choose_levels(block: Block, measure: str) -> np.ndarray:
     if measure.startswith("pga"):
         unit = 1.0 if measure == "pga_ratio" else uplift
         low = 0.5
-        high = 8.0
+        high = 16.0
     else:
         # Velocities scale with 1 / p: it takes a faster ground to overturn a larger block.
         unit = 1.0 if measure == "pgv_ratio" else uplift / block.frequency_parameter
@@ -252,18 +272,25 @@ class _SimulationInput(NamedTuple):
         Of the blocks [rad].
     names : dict
         Names of the records and of the objects, for messages.
+    uplift : ndarray, shape (records, objects, samples), or None
+        Levels from which on blocks are lifted; None where uplift is no threshold.
     """
 
     batch: Batch
     strengths: AnyArray
     critical_angle: AnyArray
     names: dict[str, tuple[str, ...]]
+    uplift: AnyArray | None
 
 
 def _gather_input(
-    objects: Objects, uncertain: Uncertain | None, suite: Suite, strengths: np.ndarray
+    objects: Objects,
+    uncertain: Uncertain | None,
+    suite: Suite,
+    strengths: np.ndarray,
+    model: RockingModel | None,
 ) -> _SimulationInput:
-    """Gather the parameters of all objects, samples and records."""
+    """Gather the parameters of all objects, samples and records; uplift if there is a model."""
     parameters = (objects.block, objects.restitution)
     floors = None
     if uncertain is not None:
@@ -277,11 +304,21 @@ def _gather_input(
     )
     flat = jax.tree.map(np.ravel, block)
     angles = apply_padded(lambda padded: padded.critical_angle, flat)
+    motions = vary_motions(suite, floors)
+    strengths = np.broadcast_to(
+        strengths.reshape(len(suite), -1), (len(suite), objects.number)
+    )
+    uplift = None
+    if model is not None:
+        shape = (len(suite), *block.half_width.shape)
+        intensities = np.broadcast_to(strengths[..., None], shape).reshape(len(suite), -1)
+        uplift = find_uplift_levels(flat, motions, intensities, model).reshape(shape)
     return _SimulationInput(
-        Batch.of(block, restitution, vary_motions(suite, floors)),
-        np.broadcast_to(strengths.reshape(len(suite), -1), (len(suite), objects.number)),
+        Batch.of(block, restitution, motions),
+        strengths,
         angles.reshape(objects.number, -1),
         {"object": objects.names, "record": suite.names},
+        uplift,
     )
 
 
@@ -289,51 +326,73 @@ def _simulate_scaled_records(
     tolerance: float,
     model: RockingModel,
     dims: tuple[str, ...],
+    limits: list[float],
     parameters: _SimulationInput,
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Simulate blocks under records that are scaled to levels, some along each dimension."""
+    """Simulate blocks under records that are scaled to all levels, and locate boundaries."""
     # Dimensions that the dataset lacks have one entry, the first.
     index: dict[str, npt.NDArray | int] = {"object": 0, "sample": 0}
-    index |= zip(dims, np.meshgrid(*parts, indexing="ij", sparse=True), strict=True)
-    batch, strengths, angles, names = parameters
-    blocks = np.ravel_multi_index(
-        (index["record"], index["object"], index["sample"]), batch.shape
+    index |= zip(dims[:-1], np.meshgrid(*parts[:-1], indexing="ij"), strict=True)
+    shape = tuple(part.size for part in parts[:-1])
+    places = tuple(
+        np.broadcast_to(index[name], shape).reshape(-1)
+        for name in ("record", "object", "sample")
     )
-    levels = np.asarray(as_real("levels", index["level"]))
-    factor = levels / np.asarray(strengths)[index["record"], index["object"]]
-    estimate = follow_within(batch.select(blocks).scaled(factor), tolerance, model)
-    response = estimate.response
+    levels = np.asarray(as_real("levels", parts[-1]))
     labels: dict[str, Labels] = {
-        dim: [names[dim][k] for k in part] if dim in names else part
+        dim: [parameters.names[dim][k] for k in part] if dim in parameters.names else part
         for dim, part in zip(dims, parts, strict=True)
     }
-    require_complete(response.complete, **labels)
-    angle = np.asarray(angles)[index["object"], index["sample"]]
-    ratio = np.asarray(response.peak_rotation) / angle
+    batch, factor = _scale_batch(
+        parameters, places, np.arange(places[0].size)[:, None], levels
+    )
+    estimate = follow_within(batch, tolerance, model)
+    response = estimate.response
+    require_complete(response.complete.reshape(*shape, levels.size), **labels)
+    angles = np.asarray(parameters.critical_angle)[places[1:]][:, None]
+    ratio = np.asarray(response.peak_rotation) / angles
     values = {**vars(estimate), **vars(response), "factor": factor, "rotation_ratio": ratio}
-    shape = tuple(part.size for part in parts)
-    return {name: np.broadcast_to(values[name], shape) for name in _RESPONSES}
+
+    def evaluate(cases: np.ndarray, between: np.ndarray) -> np.ndarray:
+        """Return which thresholds are exceeded at levels between those of the dataset."""
+        batch, _ = _scale_batch(parameters, places, cases, between)
+        response = follow_batch(batch, model)
+        require_complete(response.complete, level=between.reshape(-1))
+        between_ratio = np.asarray(response.peak_rotation) / angles[cases[:, 0]]
+        return _exceed(between_ratio, response, limits)
+
+    exceeded = np.moveaxis(_exceed(ratio, response, limits), -1, 1)
+    # The level of uplift is known exactly: nothing has to be located.
+    is_uplift = np.array(limits) == NAMED_THRESHOLDS["uplift"]
+    sums = sum_boundaries(
+        exceeded & ~is_uplift[:, None], levels, evaluate, parameters.batch.shape[2]
+    )
+    if parameters.uplift is not None:
+        uplift = np.asarray(parameters.uplift)[places]
+        is_lifted = np.isfinite(uplift)
+        replaced = np.where(is_lifted, uplift, 1.0)[:, None, None]
+        sums[:, is_uplift] = sum_powers(replaced, is_lifted[:, None, None])
+    answers = {name: np.asarray(values[name]) for name in _RESPONSES}
+    answers["boundary_sums"] = sums
+    return {name: array.reshape(*shape, *array.shape[1:]) for name, array in answers.items()}
 
 
-def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
-    """Name the thresholds; a `ValueError` if they are not allowed."""
-    if isinstance(thresholds, str) or not isinstance(thresholds, Iterable):
-        raise ValueError(f"thresholds must be a list of them, got {thresholds!r:.60}")
-    names = [_name_threshold(threshold) for threshold in thresholds]
-    if not names or len(set(names)) < len(names):
-        listed = ", ".join(names) or "none"
-        raise ValueError(f"thresholds must be at least one, each only once, got {listed}")
-    return names
+def _scale_batch(
+    parameters: _SimulationInput,
+    places: tuple[np.ndarray, np.ndarray, np.ndarray],
+    cases: np.ndarray,
+    levels: np.ndarray,
+) -> tuple[Batch, np.ndarray]:
+    """Scale cases, which are places among records, objects and samples, to levels."""
+    record, block, sample = (place[cases] for place in places)
+    which = np.ravel_multi_index((record, block, sample), parameters.batch.shape)
+    factor = levels / np.asarray(parameters.strengths)[record, block]
+    batch = parameters.batch.select(np.broadcast_to(which, factor.shape))
+    return batch.scaled(factor), factor
 
 
-def _name_threshold(threshold: Threshold) -> str:
-    """Name a threshold; a `ValueError` if it is none."""
-    threshold = as_text(threshold)
-    if isinstance(threshold, str):
-        if threshold not in NAMED_THRESHOLDS:
-            allowed = f"rotation ratios, {' or '.join(map(repr, NAMED_THRESHOLDS))}"
-            raise ValueError(f"thresholds must be {allowed}, got {threshold!r}")
-        return threshold
-    check("thresholds", as_real("thresholds", threshold), POSITIVE)
-    return f"{float(threshold):g}"
+def _exceed(ratio: np.ndarray, response: BatchResponse, limits: list[float]) -> np.ndarray:
+    """Return which thresholds responses exceed, along a last axis."""
+    overturned = np.asarray(response.overturned, bool)
+    return (np.asarray(ratio)[..., None] > np.array(limits)) | overturned[..., None]

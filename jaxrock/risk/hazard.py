@@ -104,7 +104,9 @@ class Hazard(Printed, Checked):
                 f" got an array of shape {shape}"
             )
         if of_rates != shape:
-            raise ValueError(f"rates must be as many as levels, {shape[0]}, got {of_rates}")
+            raise ValueError(
+                f"rates must have as many values as levels, {shape[0]}, got shape {of_rates}"
+            )
         self.check()
         fault = find_fault(self.levels, self.rates)
         if fault is not None:
@@ -118,7 +120,9 @@ class Hazard(Printed, Checked):
                     f"the first two rates must be greater than 0, got {second:.6g}{counts}"
                 )
             if of_rates[0] == of_rates[-1]:
-                raise ValueError(f"rates must fall with the level, got only {of_rates[0]:.6g}")
+                raise ValueError(
+                    f"rates must fall with the level, got {of_rates[0]:.6g} at all levels"
+                )
 
     def __str__(self) -> str:
         last = len(self.levels) - 1 if is_traced(self.rates) else find_last_point(self)

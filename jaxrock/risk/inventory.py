@@ -32,40 +32,43 @@ class Inventory(Printed, eqx.Module):
     Parameters
     ----------
     names : sequence of str
-        One for each object, different from each other.
+        A different name for each object.
     block : Block
         Of shape (objects,).
     restitution : array_like
-        C [-], between 0 and 1; one, or one for each object. Of a one-sided object it may be
-        negative, and its magnitude counts.
+        C [-], between 0 and 1; one, or one for each object. For a one-sided object it may be
+        negative; its magnitude counts.
     uncertain : Uncertain, optional
         Uncertain parameters, with one coefficient of variation for all objects or one for
         each.
     remarks : sequence of str, optional
-        What was assumed for each object.
+        What is exceptional about each object.
     one_sided : bool or sequence of bool, optional
-        Whether an object stands against a wall; see `Block`. One, or one for each object; by
-        default as the block is.
+        Whether an object stands against a wall; see `Block`. One value, or one for each
+        object; by default that of the block.
     floor_period : array_like
         Period of the floor on which an object stands [s], finite and at least 0: 0 is the
         ground floor, which moves with the ground. One, or one for each object.
     floor_damping : array_like, optional
         Damping ratio of that floor [-], between 0 and 1; one, or one for each object. It is
         0.05 by default, and does not count on the ground floor.
+    restitution_assumed : bool or sequence of bool
+        Whether the restitution was not given and follows from size; then rates are computed
+        for a lower one as well. One, or one for each object.
 
     Attributes
     ----------
     block : Block
         One-sided if all objects are.
-    one_sided : tuple of bool
+    one_sided, restitution_assumed : tuple of bool
         One for each object.
     floor_period, floor_damping : Array, shape (objects,)
 
     Raises
     ------
     ValueError
-        If names are not one different word for each object, if shapes do not fit, or a value
-        is out of range.
+        If names are not different words, one for each object, if shapes do not fit, or if a
+        value is out of range.
 
     Examples
     --------
@@ -88,6 +91,7 @@ class Inventory(Printed, eqx.Module):
     one_sided: tuple[bool, ...] = eqx.field(static=True)
     floor_period: Reals
     floor_damping: Reals
+    restitution_assumed: tuple[bool, ...] = eqx.field(static=True)
 
     def __init__(
         self,
@@ -100,9 +104,10 @@ class Inventory(Printed, eqx.Module):
         one_sided: bool | Sequence[bool] | None = None,
         floor_period: Numbers = 0.0,
         floor_damping: Numbers | None = None,
+        restitution_assumed: bool | Sequence[bool] = False,
     ):
         check_kind("block", block, Block)
-        kinds = _read_kinds(block.one_sided if one_sided is None else one_sided)
+        kinds = _read_flags("one_sided", block.one_sided if one_sided is None else one_sided)
         coefficient = as_real("restitution", restitution, unit="")
         # Of one-sided objects magnitudes are taken; all others have to be positive.
         objects = gather_objects(_as_kind(block, bool(kinds.any())), coefficient, names)
@@ -134,6 +139,9 @@ class Inventory(Printed, eqx.Module):
         self.one_sided = tuple(kinds.tolist())
         self.floor_period = jax.device_put(period)
         self.floor_damping = jax.device_put(damping)
+        assumed = _read_flags("restitution_assumed", restitution_assumed)
+        assumed = _give_each("restitution_assumed", assumed, objects.number)
+        self.restitution_assumed = tuple(assumed.tolist())
 
     def __len__(self) -> int:
         return len(self.names)
@@ -161,15 +169,15 @@ class Inventory(Printed, eqx.Module):
         return Objects(block, restitution, restitution.shape, self.names)
 
 
-def _read_kinds(one_sided: bool | Sequence[bool]) -> np.ndarray:
-    """Read whether objects are one-sided; a `ValueError` for anything but True and False."""
-    kinds = np.asarray(one_sided)
-    if kinds.dtype != bool or kinds.ndim > 1:
+def _read_flags(name: str, flags: bool | Sequence[bool]) -> np.ndarray:
+    """Read what holds for objects or not; a `ValueError` for anything but True and False."""
+    values = np.asarray(flags)
+    if values.dtype != bool or values.ndim > 1:
         raise ValueError(
-            "one_sided must be True or False, or one of them for each object, got"
-            f" {describe(one_sided)}"
+            f"{name} must be True or False, or one of them for each object, got"
+            f" {describe(flags)}"
         )
-    return kinds
+    return values
 
 
 def _as_kind(block: Block, one_sided: bool) -> Block:

@@ -1,25 +1,25 @@
 """Many objects at a site: ranked by rate, and what would bring each to a target."""
 
-import math
+import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
-import jax
 import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
-from ..ground_motion import MEASURES, describe_suite, warn_of_large_intensities
-from ..host import add_names, make_dataset, show_progress
+from ..ground_motion import warn_of_large_intensities
+from ..host import show_progress
+from ..impact import bracket_assumed_restitution
 from ..numerics import bound_probabilities
-from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
-from .drawn_objects import draw_objects
-from .exceedance import describe_variable
-from .hazard import Hazard, compute_return_periods
+from .boundary_sums import find_uplift_levels
+from .drawn_objects import add_restitutions, draw_objects
+from .hazard import Hazard
 from .inventory import Inventory
+from .inventory_dataset import INVENTORY_PARAMETERS, make_inventory_dataset
 from .inventory_groups import ObjectGroup, describe_places, group_objects
 from .lognormal import fit_lognormal
-from .outcome_table import tabulate_outcomes
+from .outcome_table import sum_crossings, tabulate_outcomes
 from .rate_elasticities import compute_elasticities, list_parameters
 from .required_value import required_value
 from .sample_rates import average_samples, simulate_samples
@@ -28,8 +28,6 @@ from .site import Site
 if TYPE_CHECKING:
     import xarray
 
-# Parameters whose importance is told: what can be built or chosen for an object.
-_PARAMETERS = ("width", "height", "restitution")
 _CONFIDENCE = 0.95  # of the intervals of probabilities
 _CHANGE = 0.1  # relative, to either side, for elasticities
 # Standard errors of rates by the width of the intervals in which boundaries are located,
@@ -46,37 +44,6 @@ _RESOLUTION = 0.03  # relative, of required widths
 _NARROWEST = 0.5
 _WIDEST = 2.0
 _WIDEST_OF_HEIGHT = 1.5
-# Objects whose uplift is computed at once: of one size, so that one program does for any
-# number of objects.
-_TOGETHER = 32
-# Long names and units of the answers; the unit of the measure is not known here.
-_OF_MEASURE = "measure"
-_WORDS = {
-    "one_sided": ("whether it stands against a wall", ""),
-    "floor_period": ("period of its floor, 0 on the ground floor", "s"),
-    "floor_damping": ("damping ratio of its floor", "1"),
-    "width": ("width of the base", "m"),
-    "height": ("height, twice that of the centre of mass", "m"),
-    "slenderness": ("height over width", "1"),
-    "inertia_ratio": ("inertia ratio", "1"),
-    "restitution": ("restitution", "1"),
-    "coefficient_of_variation": ("coefficient of variation of the restitution", "1"),
-    "critical_angle": ("critical angle", "rad"),
-    "uplift_intensity": ("uplift intensity, median over the records", _OF_MEASURE),
-    "median": ("median of the lognormal fragility curve of overturning", _OF_MEASURE),
-    "dispersion": ("dispersion of the curve: standard deviation of ln(level)", "1"),
-    "probability": ("probability of overturning at this level", "1"),
-    "probability_low": ("lower end of its Clopper-Pearson interval", "1"),
-    "probability_high": ("upper end of its Clopper-Pearson interval", "1"),
-    "rate": ("rate of overturning", "1/yr"),
-    "standard_error": ("standard error of the rate, from record to record", "1/yr"),
-    "not_detected": ("upper bound of the change by windows that are not detected", "1/yr"),
-    "elasticity": ("change of the rate in % for 1 % more", "1"),
-    "required_width": ("width at this height from which on the rate is below the target", "m"),
-    "required_width_reason": ("reason of the required width", ""),
-    "most_important": ("parameter with the largest elasticity", ""),
-    "remark": ("what was assumed and found", ""),
-}
 
 
 def assess_inventory(
@@ -87,18 +54,18 @@ def assess_inventory(
     reported_levels: Numbers | None = None,
     model: ModelLike = Nonlinear(),
 ) -> "xarray.Dataset":
-    """Rank objects by the rate at which they overturn, and say what each would need.
+    """Rank objects by the rate at which they overturn, and find the width that each would need.
 
     Parameters
     ----------
     inventory : Inventory
     site : Site
-        Levels 4 % apart, ``spacing=0.04``, do for a ranking.
+        Levels 4 % apart, ``spacing=0.04``, suffice for a ranking.
     target : float
         The rate that is tolerated, greater than 0 [1/yr].
     reported_levels : array_like, shape (n,), optional
-        Increasing levels of the measure for which probabilities are given; by default those
-        with the return periods of 475 and 2,475 years, where the hazard has them.
+        Increasing levels of the measure for which probabilities are given. By default the
+        levels with return periods of 475 and 2,475 years, where the hazard has them.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -107,14 +74,18 @@ def assess_inventory(
     xarray.Dataset
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
         ``slenderness``, ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
-        ``critical_angle``; ``uplift_intensity``, the median over the records; ``median`` and
-        ``dispersion`` of the maximum-likelihood lognormal curve; ``rate`` of overturning with
-        its ``standard_error`` (from record to record) and ``not_detected`` (see
-        `overturning_rate`); ``required_width``, the width at this height from which on the
-        rate stays below the target, inf where there is none, with ``required_width_reason``;
-        ``most_important``, the parameter with the largest elasticity; a ``remark``. If some
-        objects are one-sided, ``one_sided``; if some are on floors, ``floor_period`` (0 on the
-        ground floor) and ``floor_damping``.
+        ``restitution_assumed``, ``critical_angle``; ``uplift_intensity``, the median of the
+        lognormal curve of uplift; ``median`` and ``dispersion`` of the one of overturning;
+        ``rate`` of overturning with its ``standard_error`` (from record to record) and
+        ``not_detected`` (see `overturning_rate`); ``required_width``, the width at this height
+        from which on the rate stays below the target, inf where there is none, with
+        ``required_width_reason``, and ``required_width_is_bound`` where even the narrowest
+        width that was examined meets the target; ``need``, the same in words;
+        ``most_important``, the parameter with the largest elasticity; a ``remark`` on what is
+        exceptional. If some objects are one-sided, ``one_sided``; if some are on floors,
+        ``floor_period`` (0 on the ground floor) and ``floor_damping``; if some restitutions
+        are assumed, the lower end of their range, ``low_restitution``, and
+        ``rate_at_low_restitution``.
 
         Over object and ``level``, with its ``return_period``, the ``probability`` of
         overturning, with its Clopper-Pearson interval ``probability_low`` to
@@ -133,15 +104,16 @@ def assess_inventory(
     An object on a floor is assessed under ``site.suite.on_floor(period, damping)``, with steps
     of at most 1/30 of the period: a floor of one mode with participation 1. Levels and the
     hazard are those of the ground. A one-sided object is assessed under the suite in both
-    directions. The remark of each such object says so. An uncertain ``floor_period``
+    directions. An uncertain ``floor_period``
     or ``floor_damping`` counts for objects on floors.
 
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
     rate with its errors, the probabilities and the curve. The required width and the
-    elasticities are computed with the medians; no change of a restitution goes further than
-    halfway to 1. Widths are examined from half the present one to the larger of twice the
-    present one and 1.5 times the height, and the restitution stays what it is. The answers for
-    an object do not depend on the others.
+    elasticities are computed with the medians, and so is the rate with the low end of an
+    assumed restitution, 0.85 times the one that follows from size. A change of a restitution
+    ends at the latest halfway between its value and 1. Widths are examined from half the
+    present width to the larger of twice the present width and 1.5 times the height, at
+    constant restitution. The answers for an object do not depend on the others.
 
     Examples
     --------
@@ -160,9 +132,10 @@ def assess_inventory(
     if not isinstance(site.hazard, Hazard):
         raise ValueError("site must have a Hazard, got a function")
     check("target", as_real("target", target), POSITIVE)
+    _warn_of_large_target(target)
     model = as_model(model)
     if reported_levels is not None:
-        warn_of_large_intensities("reported_levels", reported_levels, site.measure)
+        warn_of_large_intensities("a reported level", reported_levels, site.measure)
     reported = _choose_reported_levels(site.hazard, reported_levels)
     groups = group_objects(inventory, site)
     in_turn = show_progress(groups, "groups of objects")
@@ -172,8 +145,10 @@ def assess_inventory(
         name: np.concatenate([answer[name] for answer in separate])[order]
         for name in separate[0]
     }
+    if not any(inventory.restitution_assumed):
+        del answers["low_restitution"], answers["rate_at_low_restitution"]
     answers = describe_places(inventory) | answers
-    return _make_dataset(inventory, site, target, model, reported, answers)
+    return make_inventory_dataset(inventory, site, target, model, reported, answers)
 
 
 def _assess_group(
@@ -202,7 +177,7 @@ def _assess_group(
     elasticity = compute_elasticities(
         objects,
         parameters,
-        _PARAMETERS,
+        INVENTORY_PARAMETERS,
         site,
         model,
         _CHANGE,
@@ -210,20 +185,23 @@ def _assess_group(
         table.median_rate,
     ).T
     remarks = [
-        "; ".join(filter(None, (before, group.remark, after)))
-        for before, after in zip(inventory.remarks, table.remarks, strict=True)
+        "; ".join(filter(None, pair))
+        for pair in zip(inventory.remarks, table.remarks, strict=True)
     ]
+    narrowest = np.isfinite(required.value) & (np.asarray(required.count) == 0)
     return {
         **{name: parameters[name] for name in ("width", "height")},
         "slenderness": np.asarray(objects.block.slenderness),
         "inertia_ratio": np.asarray(objects.block.inertia_ratio),
         "restitution": parameters["restitution"],
+        "restitution_assumed": np.array(inventory.restitution_assumed),
         "coefficient_of_variation": _list_coefficients(inventory),
         "critical_angle": np.asarray(objects.block.critical_angle),
         "uplift_intensity": _find_uplift_intensities(inventory.block, site, model),
         **table.answers,
         "elasticity": elasticity,
         "required_width": np.asarray(required.value),
+        "required_width_is_bound": narrowest,
         "required_width_reason": np.array(required.reasons),
         "most_important": np.array([_name_most_important(row) for row in elasticity]),
         "remark": np.array(remarks),
@@ -245,7 +223,14 @@ def _simulate_objects(
     objects = inventory.objects
     number = objects.number
     drawn = draw_objects(objects, inventory.uncertain, site.suite)
-    cases, overturned, rates = simulate_samples(
+    # In the same batch, so that both ends of an assumed restitution cost few rows more.
+    assumed = np.flatnonzero(inventory.restitution_assumed)
+    low_restitution = np.full(number, np.nan)
+    if assumed.size:
+        ends = bracket_assumed_restitution(inventory.block)
+        low_restitution[assumed] = np.asarray(ends[0])[assumed]
+        drawn = add_restitutions(drawn, assumed, low_restitution[assumed])
+    cases, overturned, crossings, rates = simulate_samples(
         objects, drawn.block, drawn.restitution, site, model, _ACCURACY, drawn.floors
     )
     levels = np.asarray(site.levels)
@@ -262,8 +247,8 @@ def _simulate_objects(
         outcomes = overturned[:, samples]
         means = average_samples(rates.contributions[:, samples], outcomes, site)
         # A record counts by the fraction of its samples.
-        fractions = outcomes.mean(axis=1).sum(axis=0) / directions
-        fit = fit_lognormal(levels, fractions, recordings)
+        sums = sum_crossings(crossings, overturned, samples, directions)
+        fit = fit_lognormal(sums, (float(levels[0]), float(levels[-1])))
         counts = at_reported[:, samples].mean(axis=1).sum(axis=0) / directions
         low, high = bound_probabilities(counts, recordings, _CONFIDENCE)
         separate.append(
@@ -285,7 +270,21 @@ def _simulate_objects(
             )
         remarks.append("; ".join(words))
     answers = {name: np.array([answer[name] for answer in separate]) for name in separate[0]}
+    at_low = np.full(number, np.nan)
+    at_low[assumed] = rates.rate[rates.rate.size - assumed.size :]
+    answers |= {"low_restitution": low_restitution, "rate_at_low_restitution": at_low}
     return _Simulated(answers, rates.rate[:number], remarks)
+
+
+def _warn_of_large_target(target: float) -> None:
+    """Warn of a target that was perhaps given as a return period."""
+    if target > 1:
+        warnings.warn(
+            f"target is {target:g} 1/yr, more than once a year; if a return period of"
+            f" {target:g} years was meant, the target is {1 / target:.3g} 1/yr"
+            " (--target-return-period on the command line)",
+            stacklevel=3,
+        )
 
 
 def _list_coefficients(inventory: Inventory) -> np.ndarray:
@@ -295,88 +294,6 @@ def _list_coefficients(inventory: Inventory) -> np.ndarray:
         coefficients = inventory.uncertain.coefficients_of_variation
         coefficient = coefficients.get("restitution", 0.0)
     return np.broadcast_to(np.asarray(coefficient, float), (len(inventory),))
-
-
-def _make_dataset(
-    inventory: Inventory,
-    site: Site,
-    target: float,
-    model: RockingModel,
-    reported: np.ndarray,
-    answers: dict[str, np.ndarray],
-) -> "xarray.Dataset":
-    """Make the dataset of the answers, ranked by rate."""
-    assert isinstance(site.hazard, Hazard)
-    order = np.argsort(-answers["rate"], kind="stable")
-    measure_in_words, unit, _ = MEASURES[site.measure]
-    dims = {
-        name: ("object", "level") for name in answers if name.startswith("probability")
-    } | {"elasticity": ("object", "parameter")}
-    variables = {}
-    for name, values in answers.items():
-        long_name, units = _WORDS[name]
-        described = {"long_name": long_name}
-        if units:
-            units = unit if units == _OF_MEASURE else units
-            described = describe_variable(long_name, units)
-        variables[name] = (dims.get(name, ("object",)), values[order], described)
-    uncertain = inventory.uncertain
-    drawn: dict[str, float] = {}
-    if uncertain is not None:
-        for (first, second), value in uncertain.correlations.items():
-            drawn[f"correlation_of_{first}_and_{second}"] = value
-        drawn |= {"samples": uncertain.samples, "seed": uncertain.seed}
-    assumed = {}
-    if "one_sided" in answers:
-        assumed["one_sided_objects"] = "under each record in both directions"
-    if "floor_period" in answers:
-        assumed["floors"] = "each of one mode with participation 1"
-    periods = compute_return_periods(site.hazard, reported)
-    dataset = make_dataset(
-        "Inventory of objects, ranked by the rate of overturning",
-        variables,
-        {
-            "level": ("level", reported, describe_variable(measure_in_words, unit)),
-            "return_period": (
-                "level",
-                periods,
-                describe_variable("return period of the level", "yr"),
-            ),
-            "rank": ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"}),
-        },
-        {
-            "measure": site.measure,
-            "target": float(target),
-            "record_count": site.suite.recordings,
-            **describe_suite(site.suite),
-            "hazard_curve": str(site.hazard),
-            "model": model.name,
-            "simulated_levels": site.levels.size,
-            **assumed,
-            **drawn,
-        },
-    )
-    names = {
-        "object": ([inventory.names[k] for k in order], "object"),
-        "parameter": ([SIZES_IN_WORDS.get(name, name) for name in _PARAMETERS], "parameter"),
-    }
-    return add_names(dataset, **names)
-
-
-def describe_need(answer: "xarray.Dataset") -> str:
-    """Describe in words whether an object needs another width for the target."""
-    width = float(answer.width)
-    required = float(answer.required_width)
-    if float(answer.rate) <= float(answer.attrs["target"]):
-        return "suffices"
-    if math.isinf(required):
-        return "no width suffices"
-    if required > width:
-        # Not to the nearest centimetre: a width below the required one does not suffice.
-        return f"needs {math.ceil(100 * required) / 100:.2f} m"
-    # The width is sought with the median of the restitution, whose uncertainty adds to the
-    # rate.
-    return "misses the target by the uncertainty alone"
 
 
 def _choose_reported_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarray:
@@ -402,24 +319,14 @@ def _choose_reported_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarra
 
 
 def _find_uplift_intensities(block: Block, site: Site, model: RockingModel) -> np.ndarray:
-    """Find the level from which on each block is lifted: the median over the records."""
-    number = len(np.asarray(block.half_width))
-    medians = []
-    for start in range(0, number, _TOGETHER):
-        # The last group is filled up with the last block.
-        which = np.minimum(np.arange(start, start + _TOGETHER), number - 1)
-        group = jax.tree.map(lambda leaf, which=which: np.asarray(leaf)[which], block)
-        levels = [
-            np.asarray(uplift_factor(group, record, model=model)) * float(intensity)
-            for record, intensity in zip(site.suite, site.intensities, strict=True)
-        ]
-        medians.append(np.median(levels, axis=0))
-    return np.concatenate(medians)[:number]
+    """Find the level that lifts each block: the median of the lognormal curve of uplift."""
+    levels = find_uplift_levels(block, site.suite, np.asarray(site.intensities), model)
+    return np.exp(np.log(levels).mean(axis=0))
 
 
 def _name_most_important(elasticity: np.ndarray) -> str:
     """Name the parameter with the largest elasticity; "none" where the rate is 0."""
     if not np.isfinite(elasticity).any():
         return "none"
-    name = _PARAMETERS[int(np.nanargmax(abs(elasticity)))]
+    name = INVENTORY_PARAMETERS[int(np.nanargmax(abs(elasticity)))]
     return SIZES_IN_WORDS.get(name, name)

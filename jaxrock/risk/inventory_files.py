@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,6 +30,8 @@ _DOMAINS = {
     # Above critical damping the number is one of per cent.
     "floor damping": UNIT_INTERVAL,
 }
+# Below these sizes [m] the unit of a column is perhaps another one.
+_SMALLEST_SIZES = {"width": 1e-3, "height": 1e-2, "depth": 1e-3}
 _PERCENTAGES = (_COEFFICIENT, "floor damping")
 # What stands in the column of one-sided objects, besides an empty cell.
 _FLAGS = {
@@ -58,12 +61,14 @@ class _Object(NamedTuple):
         Width, height, inertia ratio, restitution, its coefficient of variation, period and
         damping of the floor.
     one_sided : bool
+    restitution_assumed : bool
     remark : str
     """
 
     name: str
     numbers: tuple[float, ...]
     one_sided: bool
+    restitution_assumed: bool
     remark: str
 
 
@@ -75,30 +80,31 @@ def read_inventory(
     Parameters
     ----------
     path : str or path
-        A file with columns separated by commas, semicolons or tabs, in any order, below a line
-        with their names and units, such as ``name,width [cm],height [m]``. Titles may stand
-        above that line and units below it. Lines that begin with # are comments, and rows of
-        empty cells are left out. Decimals stand behind points, or all of them behind commas.
+        A file with columns separated by commas, semicolons or tabs, in any order, below a
+        line with their names and units, such as ``name,width [cm],height [m]``. Titles may
+        stand above that line and units below it. Lines that begin with # are comments, and
+        rows of empty cells are left out. The decimal separator is a point, or a comma in all
+        numbers.
 
         Each object has a ``name`` of its own, a ``width`` and a ``height``, which is twice
-        that of the centre of mass. It may have a ``depth``: then the
-        shorter of the two sides of its base is the width over which it rocks. An ``inertia
-        ratio`` that is missing is 4/3, a ``restitution`` that is missing Housner's. The
+        the height of the centre of mass. It may have a ``depth``; it then rocks over the
+        shorter of the two sides of its base. An ``inertia ratio`` that is missing is 4/3, a
+        ``restitution`` that is missing Housner's, which the inventory marks as assumed. The
         ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is
-        missing. A column or a cell may be missing, but for the first three columns.
+        missing. Columns and cells other than the first three may be missing.
 
-        An object that stands against a wall, as a facade, has yes, true, 1 or x in the column
-        ``one-sided``, all others no, false, 0 or nothing. Its width is its side at right
-        angles to the wall; it has no depth. Its restitution may be negative; if it is missing,
-        `one_sided_restitution` gives it. An object on an upper floor has a ``floor period``;
-        without one, or with 0, it stands on the ground floor. It may have a ``floor
+        The column ``one-sided`` has yes, true, 1 or x for an object against a wall, such as a
+        facade, and no, false, 0 or nothing for all others. Its width is its side at right
+        angles to the wall; it has no depth. Its restitution may be negative; if it is
+        missing, `one_sided_restitution` gives it. An object on an upper floor has a ``floor
+        period``; without one, or with 0, it stands on the ground floor. It may have a ``floor
         damping``, a ratio, 0.05 if it is missing.
 
         Lengths are in m, cm, mm, in or ft, periods in s or ms; a coefficient of variation and
-        a damping are a number or in %. Units stand in the heads, in brackets or behind the
-        name.
+        a damping are a number or in %. The heads of the columns state the units, in brackets
+        or after the name.
     samples, seed : int
-        Of uncertain restitutions; see `Uncertain`.
+        Number and seed of the samples of uncertain restitutions; see `Uncertain`.
 
     Returns
     -------
@@ -161,6 +167,7 @@ def read_inventory(
         one_sided=[described.one_sided for described in objects.values()],
         floor_period=period,
         floor_damping=damping if period.any() else None,
+        restitution_assumed=[described.restitution_assumed for described in objects.values()],
     )
 
 
@@ -227,16 +234,16 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
                 f" to the wall, got a depth of {values['depth']:.4g} m",
                 row.line,
             )
-        side = "depth" if values["depth"] < width else "width"
-        width = min(width, values["depth"])
-        remarks.append(f"rocks over its {side}, {width:.4g} m")
+        if values["depth"] < width:
+            width = values["depth"]
+            remarks.append("rocks over its depth, the shorter side of its base")
     ratio = values.get("inertia ratio", RECTANGLE_INERTIA_RATIO)
     block = Block.from_size(
         width=width, height=values["height"], inertia_ratio=ratio, one_sided=one_sided
     )
-    if "restitution" not in values:
-        values["restitution"], remark = _compute_restitution(table, row, block)
-        remarks.append(remark)
+    is_assumed = "restitution" not in values
+    if is_assumed:
+        values["restitution"] = _compute_restitution(table, row, block)
     coefficient = values.get(_COEFFICIENT, 0.0)
     try:
         # What cannot be drawn is refused with its line.
@@ -259,11 +266,11 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
         period,
         values.get("floor damping", FLOOR_DAMPING),
     )
-    return _Object(name, numbers, one_sided, "; ".join(remarks))
+    return _Object(name, numbers, one_sided, is_assumed, "; ".join(remarks))
 
 
-def _compute_restitution(table: Table, row: Row, block: Block) -> tuple[float, str]:
-    """Compute a restitution that is not given, with its remark; a `ValueError` if none is."""
+def _compute_restitution(table: Table, row: Row, block: Block) -> float:
+    """Compute a restitution that is not given; a `ValueError` if size does not give one."""
     restitution = float(compute_restitution_by_size(block))
     if restitution < 0:
         reason = f"since Housner's is {restitution:.3g}"
@@ -273,10 +280,7 @@ def _compute_restitution(table: Table, row: Row, block: Block) -> tuple[float, s
         raise table.text.error(
             f"a restitution must be given for an object this stocky, {reason}", row.line
         )
-    remark = (
-        "restitution at a wall by its size" if block.one_sided else "Housner's restitution"
-    )
-    return restitution, remark
+    return restitution
 
 
 def _read_flag(table: Table, row: Row, columns: dict[str, int]) -> bool:
@@ -309,4 +313,10 @@ def _read_number(table: Table, row: Row, column: int, quantity: str, one_sided: 
     if not domain.contains(np.asarray(value)):
         reason = f"{name} must be {domain.allowed}, got {quote_word(cell)}"
         raise table.text.error(reason, row.line)
+    if value < _SMALLEST_SIZES.get(quantity, -math.inf):
+        reason = (
+            f"{name} has {quote_word(cell)}, a {quantity} of {1000 * value:.3g} mm; if another"
+            " unit was meant, it must stand in the head of the column"
+        )
+        warnings.warn(str(table.text.error(reason, row.line)), stacklevel=4)
     return value

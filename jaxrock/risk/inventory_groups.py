@@ -22,14 +22,11 @@ class ObjectGroup(NamedTuple):
         These objects alone.
     site : Site
         Whose suite is on their floor, and in both directions if they are one-sided.
-    remark : str
-        Which motions they feel; empty if these are those of the site itself.
     """
 
     places: np.ndarray
     inventory: Inventory
     site: Site
-    remark: str
 
 
 def group_objects(inventory: Inventory, site: Site) -> list[ObjectGroup]:
@@ -50,7 +47,7 @@ def group_objects(inventory: Inventory, site: Site) -> list[ObjectGroup]:
             f" {periods[first]:g} s for {inventory.names[first]!r}"
         )
     if not on_floor.any() and not any(inventory.one_sided):
-        return [ObjectGroup(np.arange(len(inventory)), inventory, site, "")]
+        return [ObjectGroup(np.arange(len(inventory)), inventory, site)]
     places: dict[tuple[bool, float, float], list[int]] = {}
     for k, is_one_sided in enumerate(inventory.one_sided):
         damping = float(dampings[k]) if on_floor[k] else 0.0
@@ -64,17 +61,13 @@ def group_objects(inventory: Inventory, site: Site) -> list[ObjectGroup]:
                 period, damping, time_step=choose_floor_step(period)
             )
         suite = suites[period, damping]
-        words = []
         if is_one_sided and suite.directions == 1:
             suite = suite.both_directions()
-            words.append("against a wall: each record in both directions")
-        if period:
-            words.append(f"on a {suite.floor}")
         selected = _select_objects(
             inventory, members, is_one_sided, bool(on_floor.any() and not period)
         )
         group_site = site if suite is site.suite else site.replace_suite(suite)
-        groups.append(ObjectGroup(members, selected, group_site, "; ".join(words)))
+        groups.append(ObjectGroup(members, selected, group_site))
     return groups
 
 
@@ -118,6 +111,7 @@ def _select_objects(
         objects.restitution[places],
         uncertain,
         [inventory.remarks[k] for k in places],
+        restitution_assumed=[inventory.restitution_assumed[k] for k in places],
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..block import Block, change_block
 from ..impact import read_restitution
-from ..validation import AnyArray, Number, as_text, check_kind
+from ..validation import AnyArray, Number, as_text, check_concrete, check_kind
 
 
 class Objects(NamedTuple):
@@ -40,6 +40,7 @@ def gather_objects(
 ) -> Objects:
     """Gather concrete objects; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
+    check_concrete((block, restitution), "outcomes are counted outside of jit, vmap and grad")
     coefficient = read_restitution(block, restitution)
     leaves, form = jax.tree.flatten((block, coefficient))
     shapes = [np.shape(leaf) for leaf in leaves]
@@ -52,7 +53,7 @@ def gather_objects(
         ) from None
     if len(shape) > 1:
         raise ValueError(
-            "block and restitution must be single ones or have one axis, of objects,"
+            "block and restitution must be single or have one axis, of objects,"
             f" got shape {shape}"
         )
     if shape == (0,):
@@ -69,7 +70,7 @@ def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[s
     if names is None:
         return tuple(str(k + 1) for k in range(shape[0])) if shape else ()
     if not shape:
-        raise ValueError("names go with arrays of blocks or restitutions only")
+        raise ValueError("names must be left out for a single block")
     if isinstance(names, str):
         raise ValueError(f"names must be a list of them, got {names!r:.60}")
     names = tuple(str(as_text(name)) for name in names)

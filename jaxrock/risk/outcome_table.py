@@ -17,6 +17,7 @@ from ..resonance import RockingModel
 from ..sensitivity import FloorFactors
 from ..validation import AnyArray
 from .floor_samples import vary_motions
+from .lognormal import BoundarySums, sum_powers
 from .objects import Objects
 from .site import Site
 
@@ -250,6 +251,30 @@ def sum_rates(cases: Cases, overturned: np.ndarray, crossings: Crossings) -> Rat
         rate += of_record / shape[0]
     variance = np.bincount(crossings.objects, fall**2 / 12, shape[1])
     return Rates(rate, contributions, np.sqrt(variance) / shape[0])
+
+
+def sum_crossings(
+    crossings: Crossings, overturned: np.ndarray, samples: np.ndarray, directions: int
+) -> BoundarySums:
+    """Sum what a fragility curve of some samples is fitted to, by the mean over them.
+
+    Parameters
+    ----------
+    crossings : Crossings
+    overturned : ndarray of bool, shape (records, samples, levels)
+    samples : ndarray of int
+        Indices of the samples of one object.
+    directions : int
+        Number of directions of each record, whose mean counts as one record.
+    """
+    of_object = np.isin(crossings.objects, samples)
+    middles = np.sqrt(crossings.low * crossings.high)[of_object]
+    powers = sum_powers(middles, np.where(crossings.begins[of_object], 1.0, -1.0))
+    outcomes = overturned[:, samples]
+    number = samples.size * directions
+    below = outcomes[..., 0].sum() / number
+    above = (~outcomes[..., -1]).sum() / number
+    return BoundarySums(float(below), float(above), powers / number)
 
 
 def compute_rates(

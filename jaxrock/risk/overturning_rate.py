@@ -108,7 +108,7 @@ class OverturningRate(Printed, eqx.Module):
             also = f" (and {more} other{'s' * (more > 1)})" if more else ""
             lines.append(
                 f"incomplete: record {name!r}{also} overturns it at the lowest level, so that"
-                " the rate may be more"
+                " the rate may be higher"
             )
         if self.boundaries is None:
             return lines
@@ -198,8 +198,11 @@ def overturning_rate(
     check_kind("site", site, Site)
     check_kind("block", block, Block)
     restitution = read_restitution(block, restitution)
-    if any(np.ndim(leaf) > 1 for leaf in jax.tree.leaves((block, restitution))):
-        raise ValueError("block and restitution must be single ones or have one axis")
+    shapes = [np.shape(leaf) for leaf in jax.tree.leaves((block, restitution))]
+    if longest := next((shape for shape in shapes if len(shape) > 1), None):
+        raise ValueError(
+            f"block and restitution must be single or have one axis, of objects, got {longest}"
+        )
     if uncertain is not None:
         check_kind("uncertain", uncertain, Uncertain)
         return _average_samples(

@@ -29,6 +29,7 @@ from ..validation import (
     as_name,
     as_real,
     check,
+    check_concrete,
     check_kind,
     is_traced,
 )
@@ -213,7 +214,7 @@ def _check_search(along: str, side: str, resolution: float, model: ModelLike) ->
 def _check_bounds(bounds: tuple[Number, Number], along: str) -> tuple[np.ndarray, np.ndarray]:
     """Return both bounds as arrays; a `ValueError` if they are not allowed."""
     if len(bounds) != 2:
-        raise ValueError(f"bounds must be two, a lower and an upper one, got {len(bounds)}")
+        raise ValueError(f"bounds must be two values, low and high, got {len(bounds)}")
     for bound in bounds:
         check("bounds", as_real("bounds", bound), _QUANTITIES[along])
     low, high = (np.asarray(bound, float) for bound in bounds)
@@ -231,8 +232,7 @@ def _search_value(
 ) -> RequiredValue:
     """Search the value, for arguments that have been checked but for those of objects."""
     block, restitution, site, target = parts
-    if is_traced(parts):
-        raise ValueError("arguments must be concrete here: the search depends on the answers")
+    check_concrete(parts, "the search depends on the answers")
     objects = gather_objects(block, restitution)
     low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
     limits = targets * _BELOW
@@ -289,8 +289,8 @@ def _broadcast_to_objects(number: int, *arrays: Number) -> list[np.ndarray]:
     except ValueError:
         shapes = ", ".join(str(np.shape(values)) for values in arrays)
         raise ValueError(
-            "bounds and target must be single ones, or one for each object, got shapes"
-            f" {shapes} for {number}"
+            "bounds and target must be single values, or one for each object, got shapes"
+            f" {shapes}, where the number of objects is {number}"
         ) from None
 
 

@@ -12,7 +12,15 @@ from ..sensitivity import FloorFactors
 from ..validation import AnyArray, choose_namespace
 from .not_detected import bound_not_detected
 from .objects import Objects
-from .outcome_table import Cases, Rates, compute_rates, tabulate_outcomes
+from .outcome_table import (
+    Cases,
+    Crossings,
+    Rates,
+    list_crossings,
+    locate_crossings,
+    sum_rates,
+    tabulate_outcomes,
+)
 from .site import Site
 
 
@@ -23,11 +31,14 @@ class SimulatedSamples(NamedTuple):
     ----------
     cases : Cases
     overturned : ndarray of bool, shape (records, samples, levels)
+    crossings : Crossings
+        Located.
     rates : Rates
     """
 
     cases: Cases
     overturned: np.ndarray
+    crossings: Crossings
     rates: Rates
 
 
@@ -42,16 +53,17 @@ def simulate_samples(
 ) -> SimulatedSamples:
     """Simulate samples of objects, given along one axis, at all levels of a site.
 
-    `accuracy` is that of the rate of a sample, relative; see `compute_rates`. Samples may have
+    `accuracy` is that of the rate of a sample, relative; see `locate_crossings`. Samples may have
     floors of their own.
     """
     samples = objects._replace(block=block, restitution=restitution, names=())
     cases = Cases.of(samples, site, model, floors)
     levels = np.asarray(site.levels)
     overturned = tabulate_outcomes(cases, levels)
-    return SimulatedSamples(
-        cases, overturned, compute_rates(cases, overturned, levels, accuracy)
-    )
+    crossings = list_crossings(overturned, levels)
+    crossings = locate_crossings(cases, overturned, crossings, accuracy)
+    rates = sum_rates(cases, overturned, crossings)
+    return SimulatedSamples(cases, overturned, crossings, rates)
 
 
 class SampleMeans(NamedTuple):

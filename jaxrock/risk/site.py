@@ -97,7 +97,7 @@ class Site(Printed, eqx.Module):
         self.measure = as_name("measure", measure, HAZARD_MEASURES)
         if isinstance(hazard, Hazard) and hazard.measure not in (None, self.measure):
             raise ValueError(
-                f"measure is {self.measure!r}, but the hazard is one of {hazard.measure}"
+                f"measure is {self.measure!r}, but the hazard curve is for {hazard.measure}"
             )
         require_single_scales(suite)
         self.suite = suite
@@ -217,7 +217,7 @@ def _choose_site_levels(hazard: Exceedance, levels: Numbers | None, spacing: flo
     high = float(places[-1])
     if ends and (low < ends[0] * (1 - slack) or high > ends[1] * (1 + slack)):
         raise ValueError(
-            f"levels must be inside of those of the hazard, {ends[0]:.6g} to {ends[1]:.6g},"
+            f"levels must be within those of the hazard, {ends[0]:.6g} to {ends[1]:.6g},"
             f" got {low:.6g} to {high:.6g}"
         )
     return jnp.clip(places, *ends) if ends else places

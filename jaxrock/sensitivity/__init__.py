@@ -16,6 +16,8 @@ from .measures import (
 )
 from .moments import MomentEstimate, monte_carlo, propagate
 from .outcome_probabilities import OutcomeProbabilities, outcome_probabilities
+from .outcome_probabilities import describe_index as describe_index
+from .outcome_probabilities import is_index_known as is_index_known
 from .parameters import describe_parameter as describe_parameter
 from .parameters import make_parametric as make_parametric
 from .parameters import refuse_name as refuse_name

@@ -49,7 +49,7 @@ def check_correlations(
     if smallest < -_ROUNDING_OF_EIGENVALUES:
         raise ValueError(
             "correlations must form a positive semi-definite matrix, got one with the"
-            f" eigenvalue {smallest:.3g}: no numbers are correlated like this"
+            f" eigenvalue {smallest:.3g}: no variables have such correlations"
         )
     return tuple(listed)
 

@@ -37,7 +37,7 @@ def quantiles(z: AnyArray, median: AnyArray, width: AnyArray, bounded: AnyArray)
 def find_widths(
     names: Collection[str], median: np.ndarray, variation: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find widths of distributions from coefficients of variation; tell which are bounded.
+    """Find widths of distributions from coefficients of variation, and which are bounded.
 
     Parameters between 0 and 1 are logit-normal, and thus bounded. Others are lognormal where
     the median is positive, else normal. The width is the standard deviation of the logit, of
@@ -99,12 +99,12 @@ def _find_logit_width(name: str, median: float, variation: float) -> float:
     """Find the logit's standard deviation for a coefficient of variation, by quadrature."""
     must_be = f"coefficient of variation of {name} must be"
     if median >= 1:
-        raise ValueError(f"{must_be} 0 at {median:g}, got {variation:g}")
+        raise ValueError(f"{must_be} 0 at a median of {median:g}, got {variation:g}")
     widest, largest = _find_widest_logit(median)
     if variation > largest:
         raise ValueError(
-            f"{must_be} at most {largest:.3g} at {median:g}, since with"
-            f" more the density has two peaks, near 0 and near 1; got {variation:g}"
+            f"{must_be} at most {largest:.3g} at a median of {median:g}, got {variation:g}, with"
+            " which the density would have two peaks, near 0 and near 1"
         )
     return _bisect(
         lambda width: bool(_compute_logit_coefficient(median, width) <= variation), widest
@@ -115,7 +115,7 @@ def _find_logit_coefficient(name: str, median: float, width: float) -> float:
     """Find the coefficient of variation for a logit's standard deviation, by quadrature."""
     must_be = f"standard deviation of the logit of {name} must be"
     if median >= 1:
-        raise ValueError(f"{must_be} 0 at {median:g}, got {width:g}")
+        raise ValueError(f"{must_be} 0 at a median of {median:g}, got {width:g}")
     widest, largest = _find_widest_logit(median)
     # As `_find_logit_width` has it for the largest coefficient: the maximum lies between two of
     # the widths that were tried.
@@ -124,8 +124,8 @@ def _find_logit_coefficient(name: str, median: float, width: float) -> float:
     )
     if width > widest:
         raise ValueError(
-            f"{must_be} at most {widest:.3g} at {median:g}, since a wider density has two"
-            f" peaks, near 0 and near 1, or no coefficient of variation of its own; got {width:g}"
+            f"{must_be} at most {widest:.3g} at a median of {median:g}, got {width:g}, with which"
+            " the density would have two peaks, near 0 and near 1"
         )
     return float(_compute_logit_coefficient(median, width))
 

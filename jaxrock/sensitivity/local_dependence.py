@@ -89,7 +89,7 @@ class LocalDependence(Printed):
     def __str__(self) -> str:
         head = f"{self.answer} {self.value:.6g}"
         if np.isnan(self.value):
-            head = f"{self.answer}: none, the block {write_outcome(self.overturned)}"
+            head = f"{self.answer}: no value, the block {write_outcome(self.overturned)}"
         if np.isfinite(self.mean):
             moments = f"{self.mean:.6g} +- {self.standard_deviation:.3g}"
             head += f", within the uncertainty {moments}"

@@ -118,11 +118,20 @@ class TornadoBars(Printed):
     value: float
     sides: tuple[str, ...] = ()
 
+    @property
+    def always_overturns(self) -> bool:
+        """Whether the block overturns with all parameters unchanged and at all ends."""
+        answers = np.concatenate([[self.value], self.at_low, self.at_high])
+        return not np.isfinite(answers).any()
+
     def __str__(self) -> str:
+        if self.always_overturns:
+            return "has no value: the block overturns, also at both ends of every range"
         columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
-        text = format_table(
-            f"{self.value:.6g}", label_sides(self.names, self.sides), **columns
-        )
+        head = f"{self.value:.6g}"
+        if not np.isfinite(self.value):
+            head = "has no value: the block overturns with all parameters unchanged"
+        text = format_table(head, label_sides(self.names, self.sides), **columns)
         # Answers of this package are NaN where a block overturns.
         return text.replace("           nan", "     overturns")
 
@@ -246,7 +255,8 @@ def derivative_based_measures(
     function = make_parametric(answer, at, "ranges", ranges)
     low, high = np.asarray(list(ranges.values()), float).reshape(-1, 2).T
     if not (high > low).all():
-        raise ValueError("ranges must go from a low value to a higher one")
+        name, ends = next(item for item in ranges.items() if not item[1][1] > item[1][0])
+        raise ValueError(f"ranges of {name} must be a low and a higher value, got {ends}")
     check("samples", samples, COUNT)
     points = low + np.random.default_rng(seed).random((samples, low.size)) * (high - low)
     values, gradients = function.evaluate(points, 1)

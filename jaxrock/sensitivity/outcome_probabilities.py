@@ -1,5 +1,6 @@
 """Probabilities that a block rocks or overturns, and the parameters that decide them."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -34,6 +35,9 @@ _AT_ONCE = 2**20
 _BEYOND = 10.0
 # An outcome has indices and derivatives if at least so many samples have it, and have it not.
 _FEWEST = 20
+
+
+_LARGEST_ERROR = 0.25  # of an index that is given
 
 
 @dataclass(frozen=True, repr=False)
@@ -126,8 +130,9 @@ class OutcomeProbabilities(Printed):
         rows = [head]
         for i, source in enumerate(self.sources):
             row = f"{describe_parameter(source):30}"
-            row += _write_index(self.first[k, i], self.first_error[k, i])
-            row += _write_index(self.total[k, i], self.total_error[k, i])
+            first = describe_index(self.first[k, i], self.first_error[k, i])
+            total = describe_index(self.total[k, i], self.total_error[k, i])
+            row += f"{first:>18}{total:>18}"
             if is_outcome and i < len(self.names):
                 row += _write_change(self.by_median[k - 1, i], self.by_median_error[k - 1, i])
                 derivative = self.by_coefficient_of_variation[k - 1, i]
@@ -137,11 +142,21 @@ class OutcomeProbabilities(Printed):
         return rows
 
 
-def _write_index(value: float, error: float) -> str:
-    """Write an index with its standard error; a bound where noise hides it."""
-    if value < 2 * error:
-        return f"{f'below {max(value, 0.0) + 2 * error:.2f}':>18}"
-    return f"{f'{value:.2f} +- {error:.2f}' if error else f'{value:.2f}':>18}"
+def is_index_known(value: float, error: float) -> bool:
+    """Return whether an estimated Sobol index with this standard error is clear of noise.
+
+    An index lies between 0 and 1: with an error of a quarter it may be almost anything.
+    """
+    return bool(2 * error <= value and error < _LARGEST_ERROR)
+
+
+def describe_index(value: float, error: float) -> str:
+    """Write an index with its standard error; a bound, or nothing, where noise hides it."""
+    if not error < _LARGEST_ERROR:
+        return "within noise"
+    if not is_index_known(value, error):
+        return f"below {math.ceil(100 * (max(value, 0.0) + 2 * error)) / 100:.2f}"
+    return f"{value:.2f} +- {error:.2f}" if error else f"{value:.2f}"
 
 
 def _write_change(value: float, error: float) -> str:

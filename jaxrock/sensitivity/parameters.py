@@ -25,6 +25,7 @@ from ..validation import (
     as_real,
     as_text,
     carries_unit,
+    check_concrete,
     check_kind,
     describe,
 )
@@ -118,6 +119,9 @@ def make_parametric(
     blocks are by their `sides`.
     """
     check_kind("answer", answer, Callable)
+    check_concrete(
+        at, "the answer is described by plain numbers; jax.value_and_grad works under jit"
+    )
     leaves = jax.tree.leaves_with_path(at)
     if not leaves:
         raise ValueError("at must contain at least one number")
@@ -240,8 +244,7 @@ def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
     if len(named) > 1:
         pairs = ", or ".join(" and ".join(sizes) for sizes in SIZE_NAMES.values())
         raise ValueError(
-            f"{argument} must have {pairs}, which are the same two numbers; got"
-            f" {' and '.join(named.values())}"
+            f"{argument} must describe the size by {pairs}, got {' and '.join(named.values())}"
         )
     return next(iter(named)) if named else "shape"
 

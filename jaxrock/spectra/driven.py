@@ -42,6 +42,7 @@ from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     AT_LEAST_ONE,
     POSITIVE,
+    RIGHT_ANGLE,
     Reals,
     as_flag,
     as_real,
@@ -69,7 +70,7 @@ _VARIABLES: dict[str, tuple[DataType, str, str]] = {
     "impacts": (int, "number of impacts", "1"),
 }
 _ESTIMATES: dict[str, tuple[DataType, str, str]] = {
-    "rtol": (float, "tolerance that this block is computed with", "1"),
+    "rtol": (float, "tolerance used for this block", "1"),
     "error": (float, "upper bound of the relative error of the peak rotation", "1"),
     "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
 }
@@ -143,17 +144,17 @@ def rocking_spectrum(
     records = [*motion] if isinstance(motion, Suite) else [motion]
     if any(map(_is_several, records)):
         raise ValueError(
-            "motion must be a single one, or a suite of these, got an array of them"
+            "motion must be a single motion, or a suite of such, got an array of motions"
         )
     if (slenderness is None) == (critical_angle is None):
-        raise ValueError("slenderness or critical_angle must be given, one of the two")
+        given = "neither" if slenderness is None else "both"
+        raise ValueError(f"either slenderness or critical_angle must be given, got {given}")
     # By the domain of the slenderness an angle beyond pi / 2 would only be called negative.
     if critical_angle is not None:
         if carries_unit(critical_angle):
             critical_angle = convert_to_si("critical_angle", critical_angle, "rad")
         angle = np.asarray(critical_angle, float)
-        if not ((angle > 0) & (angle < 0.5 * math.pi)).all():
-            raise ValueError("critical_angle must be between 0 and pi / 2")
+        check("critical_angle", angle, RIGHT_ANGLE)
         slenderness = 1 / np.tan(angle)
     if as_flag("one_sided", one_sided) and restitution is not None:
         restitution = take_magnitudes(restitution)
@@ -181,7 +182,7 @@ def rocking_spectrum(
 
 
 def _is_several(motion: Motion) -> bool:
-    """Tell whether a motion stands for an array of motions."""
+    """Return whether a motion stands for an array of motions."""
     # Samples of a record have an axis of their own, along time; anything else with an axis
     # makes several motions.
     names = ("acceleration", "vertical")

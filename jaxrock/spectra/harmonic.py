@@ -28,7 +28,7 @@ from ..ground_motion import Harmonic
 from ..impact import housner_restitution, require_free_standing
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..steady import HarmonicOrbit, harmonic_orbit
-from ..validation import UNIT_INTERVAL, Reals, as_real, check, check_kind
+from ..validation import UNIT_INTERVAL, Reals, as_real, check, check_concrete, check_kind
 
 if TYPE_CHECKING:
     import xarray
@@ -59,11 +59,11 @@ _VARIABLES = {  # long names and units
 }
 _FLAGS = {  # long names and meanings
     "region": (
-        "symmetric steady rocking, and what a block does that is launched near it",
+        "symmetric steady rocking, and the outcome of a launch near it",
         "no_orbit stable symmetry_broken overturned",
     ),
     "from_rest": (
-        "what a block at rest does that the floor begins to move",
+        "outcome of a block that starts from rest",
         "stays_at_rest rocks overturned",
     ),
 }
@@ -133,6 +133,7 @@ def harmonic_spectrum(
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
     if restitution is None:
         restitution = max(float(housner_restitution(block)), 0.0)
+    check_concrete(restitution, "a spectrum is a dataset")
     check("restitution", as_real("restitution", restitution, unit=""), UNIT_INTERVAL)
     uplift = float(uplift_acceleration(block, model))
     rate = float(block.frequency_parameter)

@@ -42,14 +42,14 @@ _VARIABLES = {  # long name and unit
     "period": ("stabilized period", "s"),
     "amplification": ("stabilized peak rotation over peak after the first pulse", "1"),
     "overturning_margin": (
-        "energy left to the barrier over the barrier, overturns from 0 down",
+        "energy left to the barrier over the barrier, overturns at 0 or less",
         "1",
     ),
     "overturning_half_cycle": ("first half-cycle that overturns, inf if none does", "1"),
     "critical_intensity": ("intensity of unlimited pulses that just overturn", "m s-1"),
 }
 _MODEL = {  # attributes of the variable that says which model a point is computed with
-    "long_name": "model that this point is computed with",
+    "long_name": "model used at this point",
     "flag_values": np.array([0, 1], np.int8),
     "flag_meanings": "linearized nonlinear",
 }
@@ -130,7 +130,7 @@ def resonance_spectrum(
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if devices and chunks is not None:
         raise ValueError(
-            "devices goes without chunks, which each worker computes with its own"
+            "devices and chunks exclude each other: each worker has devices of its own"
         )
     if as_flag("one_sided", one_sided):
         restitution = take_magnitudes(restitution)

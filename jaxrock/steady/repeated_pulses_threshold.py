@@ -377,5 +377,5 @@ def _compute_threshold(
 
 @jax.jit
 def _is_reached_from_rest(phase: PulsedPhase, expected: Reals, near: Reals) -> Booleans:
-    """Tell whether a phase from rest is the expected fixed point."""
+    """Return whether a phase from rest is the expected fixed point."""
     return phase.stands & phase.from_rest & (jnp.abs(phase.velocity - expected) <= near)

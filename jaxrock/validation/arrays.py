@@ -43,7 +43,7 @@ _T = TypeVar("_T")
 
 
 def is_traced(tree: object) -> bool:
-    """Tell whether a pytree has a traced leaf.
+    """Return whether a pytree has a traced leaf.
 
     Public functions are called in two ways. Of concrete numbers one can raise an error, search
     on the host, and compute in NumPy, which compiles nothing. Of traced ones, inside of
@@ -51,6 +51,12 @@ def is_traced(tree: object) -> bool:
     `choose_namespace` are the only questions by which functions tell the two apart.
     """
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def check_concrete(tree: object, reason: str) -> None:
+    """Raise `ValueError` for a traced pytree: `reason` says why it cannot be one."""
+    if is_traced(tree):
+        raise ValueError(f"arguments must be concrete here: {reason}")
 
 
 def choose_namespace(tree: object) -> ModuleType:
@@ -113,12 +119,17 @@ def as_real(name: str, value: object, *, unit: str | None = None) -> Array:
     raise ValueError(f"{name} must be {allowed}, got {describe(value)}")
 
 
+def add_article(name: str) -> str:
+    """Put the indefinite article before the name of a class."""
+    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
+
+
 def describe(value: object) -> str:
     """Describe a value in a few words, for the end of an error message."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
     if isinstance(value, eqx.Module):
-        return f"a {type(value).__name__}"
+        return add_article(type(value).__name__)
     if isinstance(value, list | tuple) and value:
         rows = [row for row in value if isinstance(row, list | tuple) or np.ndim(row)]
         lengths = sorted({len(row) for row in rows})

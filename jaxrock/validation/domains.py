@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, TypeGuard
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .arrays import AnyArray, Numbers, as_real, describe, is_traced
+from .arrays import AnyArray, Numbers, add_article, as_real, describe, is_traced
 
 
 class Domain(NamedTuple):
@@ -228,7 +229,8 @@ def check_kind(name: str, value: object, *kinds: Any, hint: str = "") -> None:
     value : object
     *kinds : type
         A class may say what makes one of it: in `_reader` the function that reads one from
-        files, in `_element` the class of which it takes a list.
+        files, in `_element` the class of which it takes a list, in `_maker` the call, in
+        `_sample_maker` the one that takes an array of samples.
     hint : str
         What to do, where the value and the classes do not tell.
 
@@ -239,7 +241,7 @@ def check_kind(name: str, value: object, *kinds: Any, hint: str = "") -> None:
     """
     if isinstance(value, kinds):
         return
-    names = [f"a {'function' if kind is Callable else kind.__name__}" for kind in kinds]
+    names = [add_article("function" if kind is Callable else kind.__name__) for kind in kinds]
     hint = _find_way_out(value, kinds) or hint
     if isinstance(value, list | tuple) and any(isinstance(part, kinds) for part in value):
         hint = hint or f"; one {kinds[0].__name__} of arrays stands for many"
@@ -268,4 +270,8 @@ def _find_way_out(value: object, kinds: Sequence[type]) -> str:
         if element is not None and parts and all(isinstance(part, element) for part in parts):
             content = "..." if is_list else element.__name__.lower()
             return f"; {kind.__name__}([{content}]) makes one"
+        if hasattr(kind, "_sample_maker") and isinstance(value, np.ndarray | jax.Array):
+            return f"; {kind._sample_maker} makes one"
+        if hasattr(kind, "_maker"):
+            return f"; {kind._maker} makes one"
     return ""

@@ -104,6 +104,21 @@ def _combine_validity(parts: Iterable[Booleans | bool]) -> Booleans | bool:
     return functools.reduce(operator.and_, guarded or [True])
 
 
+def _check_argument(
+    name: str, value: object, kind: type[Checked], function: Callable[..., object]
+) -> None:
+    """Check the kind of an argument; name the parts of a module that has such a part."""
+    hint = ""
+    if isinstance(value, Checked) and not isinstance(value, kind):
+        fields = {field.name for field in list_fields(type(value))}
+        parts = [part for part in inspect.signature(function).parameters if part in fields]
+        if name in parts:
+            whole = type(value).__name__.lower()
+            listed = ", ".join(f"{whole}.{part}" for part in parts)
+            hint = f"; write {function.__name__}({listed})"
+    check_kind(name, value, kind, hint=hint)
+
+
 def elementwise(
     *prepare: Callable[[dict[str, Any]], None],
     **declared: Domain | dataclasses.Field | Callable[..., object],
@@ -169,12 +184,20 @@ def elementwise(
 
         @functools.wraps(function)
         def call_checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-            bound = signature.bind(*args, **kwargs)
+            try:
+                bound = signature.bind(*args, **kwargs)
+            except TypeError as error:
+                # Of too many or too few arguments the first are often of another kind.
+                for name, value in zip(signature.parameters, args, strict=False):
+                    if name in kinds:
+                        _check_argument(name, value, kinds[name], function)
+                takes = ", ".join(signature.parameters)
+                raise TypeError(f"{function.__name__}({takes}): {error}") from None
             bound.apply_defaults()
             arguments = bound.arguments
             # Kinds before values before shapes: the first message is about the gravest error.
             for name, kind in kinds.items():
-                check_kind(name, arguments[name], kind)
+                _check_argument(name, arguments[name], kind, function)
             for name, convert in converters.items():
                 arguments[name] = convert(arguments[name])
             for replace in prepare:

@@ -1,6 +1,8 @@
 """Names and flags as arguments: plain ones, whatever library they come from."""
 
-from collections.abc import Iterable
+import functools
+import inspect
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -39,6 +41,28 @@ def as_name(
         return name
     choice = ", ".join(names) + (", or None" if or_none else "")
     raise ValueError(f"{argument} must be one of {choice}, got {describe(name)}")
+
+
+def require_names(method: Callable[..., _T]) -> Callable[..., _T]:
+    """Let a class method say how it is called where arguments are given by their places."""
+    names = [
+        parameter.name
+        for parameter in inspect.signature(method).parameters.values()
+        if parameter.kind is parameter.KEYWORD_ONLY
+    ]
+
+    @functools.wraps(method)
+    def call(cls: type, *values: object, **named: Any) -> _T:
+        if values:
+            pairs = zip(names, values, strict=False)
+            typed = ", ".join(f"{name}={describe(value)}" for name, value in pairs)
+            raise TypeError(
+                f"{method.__name__} takes its arguments by name:"
+                f" {method.__qualname__}({typed})"
+            )
+        return method(cls, **named)
+
+    return call
 
 
 def as_flag(argument: str, value: object) -> bool:

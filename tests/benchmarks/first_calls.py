@@ -294,7 +294,7 @@ USED = "import jaxrock as jr; [getattr(jr, name) for name in jr.__all__ if name 
 IMPORTS = {"import jax": "import jax", "import jaxrock": USED}
 ADDED = 0.3
 COMMANDS = {
-    "jaxrock assess": ["assess", "--width", "0.8", "--height", "4", "--restitution", "0.7"],
+    "jaxrock assess": ["assess", "--restitution", "0.7", "--intensity", "0.15"],
     "jaxrock respond, file": [
         "respond",
         "--record",

@@ -184,16 +184,16 @@ class OutcomeFit(Printed, eqx.Module):
             sentences.append(f"{what}: they bound the population from one side only")
         if self.undecided:
             names = " and ".join(name.replace("_", " ") for name in self.undecided)
-            sentences.append(f"the tests hardly decide the {names}")
+            sentences.append(f"the tests hardly determine the {names}")
         lapse = self.compute_intervals()["lapse"][0]
         if lapse > _HIGH_LAPSE:
             sentences.append(
-                f"at least {lapse:.0%} of the outcomes are of no block of the population: check"
+                f"at least {lapse:.0%} of the outcomes fit no block of the population: check"
                 " outcomes and motions"
             )
         if float(self.effective_blocks) < _FEW_BLOCKS:
             sentences.append(
-                f"probabilities rest on {float(self.effective_blocks):.0f} blocks: take more"
+                f"probabilities rest on {float(self.effective_blocks):.0f} blocks only: take more"
                 " samples"
             )
         return tuple(sentences)

@@ -19,10 +19,11 @@ from ...validation import (
     as_flag,
     as_real,
     check,
+    check_concrete,
     check_kind,
     describe,
 )
-from ..least_squares import check_concrete
+from ..least_squares import OUTSIDE
 from .likelihood import TestData
 from .posterior import Posterior, sample_posterior
 from .prior import Prior, PriorLike, make_prior
@@ -140,11 +141,11 @@ def check_campaign(
                 "scales of records must be single ones, got an array of shape"
                 f" {np.shape(record.scale)} for {name!r}"
             )
-    check_concrete((suite, overturned, peak_rotations, prior, gravity, inertia_ratio))
+    check_concrete((suite, overturned, peak_rotations, prior, gravity, inertia_ratio), OUTSIDE)
     outcomes = np.asarray(overturned)
     if outcomes.shape != (number,):
         raise ValueError(
-            f"overturned must be one for each of {number} motions, got {describe(overturned)}"
+            f"overturned must have a value for each of {number} motions, got {describe(overturned)}"
         )
     if not np.isin(outcomes, (0, 1)).all():
         raise ValueError(
@@ -157,8 +158,8 @@ def check_campaign(
         peaks = np.asarray(as_real("peak_rotations", peak_rotations, unit="rad"), float)
         if peaks.shape != (number,):
             raise ValueError(
-                f"peak_rotations must be one for each of {number} motions, NaN where it was not"
-                f" measured, got {describe(peak_rotations)}"
+                f"peak_rotations must have a value for each of {number} motions, NaN where it was"
+                f" not measured, got {describe(peak_rotations)}"
             )
         if (peaks < 0).any() or np.isinf(peaks).any():
             raise ValueError(
@@ -214,7 +215,7 @@ def _check_groups(
     is_sequence = isinstance(labels, Sequence | np.ndarray) and not isinstance(labels, str)
     if not is_sequence or len(labels) != number:
         raise ValueError(
-            f"groups must be one name for each of {number} motions, got {describe(groups)}"
+            f"groups must have a name for each of {number} motions, got {describe(groups)}"
         )
     names, places = np.unique(np.array([str(label) for label in labels]), return_inverse=True)
     return tuple(names.tolist()), places.reshape(-1)

@@ -143,8 +143,8 @@ def _draw_parts(campaign: Campaign, splits: int) -> list[np.ndarray]:
     number = len(campaign.groups)
     if number < 2:
         raise ValueError(
-            "groups must be two at least, one to fit and one to predict, got"
-            f" {campaign.groups[0]!r} only"
+            "groups must have at least two names, one to fit and one to predict, got only"
+            f" {campaign.groups[0]!r}"
         )
     parts = []
     for split in range(splits):

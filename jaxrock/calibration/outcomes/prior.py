@@ -144,7 +144,7 @@ def _check_known(name: object, pair: object) -> tuple[str, tuple[float, float]]:
     check(f"coefficient of variation of {name} in prior", np.asarray(variation), NON_NEGATIVE)
     if name == "restitution" and not 0 < median < 1:
         raise ValueError(
-            "median of restitution in prior must be between 0 and 1, and neither of them, got"
+            "median of restitution in prior must be greater than 0 and less than 1, got"
             f" {median:g}"
         )
     return name, (median, variation)

@@ -40,7 +40,7 @@ def _choose_compiler_options(platform: str) -> dict[str, _Option] | None:
 
 
 def _is_taken(name: str, value: _Option) -> bool:
-    """Tell whether the compiler takes an option, which it may not know in another version."""
+    """Return whether the compiler takes an option, which it may not know in another version."""
     try:
         trial = jax.jit(lambda x: x + x, compiler_options={name: value})
         # On a processor, whatever the default device is.

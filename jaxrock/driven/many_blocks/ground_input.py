@@ -124,7 +124,7 @@ class GroundInput(eqx.Module):
 
     @abc.abstractmethod
     def is_finite(self, motion: Integers) -> Booleans:
-        """Tell whether all numbers of a motion are finite."""
+        """Return whether all numbers of a motion are finite."""
 
     @abc.abstractmethod
     def choose_grade(self, needed: Reals) -> Integers:

@@ -124,7 +124,7 @@ class RecordInput(GroundInput):
         return jnp.asarray(self.first_intervals)[motion], jnp.asarray(self.intervals)[motion]
 
     def is_finite(self, motion: Integers) -> Booleans:
-        """Tell whether all samples of a motion are finite."""
+        """Return whether all samples of a motion are finite."""
         return jnp.asarray(self.finite)[motion]
 
     def choose_grade(self, needed: Reals) -> Integers:

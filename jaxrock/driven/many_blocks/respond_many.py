@@ -20,6 +20,7 @@ from ...host import (
     map_in_threads,
 )
 from ...impact import read_restitution
+from ...numerics import refuse_reverse_mode
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     FINITE,
@@ -292,7 +293,9 @@ def respond_batch(
         check("rtol", as_real("rtol", rtol), POSITIVE)
     batch = Batch.of(blocks, restitution, motion, duration, **initial)
     response = follow_batch(batch, as_model(model), rtol)
-    return response if batch.traced else jax.device_put(response)
+    if batch.traced:
+        return refuse_reverse_mode("respond_batch", response)
+    return jax.device_put(response)
 
 
 def check_batch(

@@ -277,7 +277,7 @@ def _settles(
     leaving: Reals,
     peak: Reals,
 ) -> Booleans:
-    """Tell whether a block comes to rest after an impact, at a time in the step.
+    """Return whether a block comes to rest after an impact, at a time in the step.
 
     It does if all further bounces, which are infinitely many, end within the step (Zeno), or
     if the velocity `leaving` the impact is rounding. Under a constant acceleration `down` to

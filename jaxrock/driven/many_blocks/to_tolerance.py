@@ -37,7 +37,7 @@ from ...block import Block
 from ...ground_motion import Motion, Suite
 from ...host import Printed, count_work, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check
+from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check, check_concrete
 from .batch import Batch
 from .respond_many import (
     BatchResponse,
@@ -172,8 +172,7 @@ def respond_within(
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     restitution, duration = check_batch(blocks, restitution, motion, duration)
     batch = Batch.of(blocks, restitution, motion, duration)
-    if batch.traced:
-        raise ValueError("arguments must be concrete here: tolerances follow from the answers")
+    check_concrete(batch, "tolerances follow from the answers")
     # A response has two companions at most, and few are simulated in a second round.
     with count_work("motions and their errors", 3 * math.prod(batch.shape)):
         return follow_within(batch, tolerance, as_model(model))

@@ -119,7 +119,8 @@ def respond(
     False 0
     """
     check_kind("block", block, Block)
-    many = isinstance(motion, Suite | list | tuple)
+    parts = motion if isinstance(motion, list | tuple) else [motion]
+    many = any(isinstance(part, Suite | Motion) for part in parts)
     check_kind("motion", motion, Motion, hint="; respond_batch takes several" if many else "")
     if duration is None and isinstance(motion, Still):
         raise ValueError("duration must be given for still ground, which has no end")

@@ -175,7 +175,7 @@ class Response(Printed, eqx.Module):
                 "for a time it was in unstable balance, which the slightest push ends"
             )
         if self.overturned and jnp.isfinite(self.overturning_time):
-            lines[0] += f", beyond return from {self.overturning_time:.4g} s"
+            lines[0] += f", beyond the critical angle from {self.overturning_time:.4g} s on"
         return "\n".join(lines)
 
     def _count_impacts(self) -> str:

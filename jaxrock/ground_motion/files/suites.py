@@ -221,7 +221,7 @@ def _make_motions(path: Path, components: list[Component], vertical: bool) -> li
     unknown = [component.channel for component in components if not component.direction]
     if unknown:
         raise file.error(
-            f"the file does not say where {quote_names(unknown)} points, read_record takes its"
+            f"the file does not say where {quote_names(unknown)} points; read_record takes its"
             " channels one by one"
         )
     level = [component for component in components if component.direction == "level"]

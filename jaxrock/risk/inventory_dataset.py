@@ -1,0 +1,189 @@
+"""The dataset of an assessed inventory, and what it says of an object in words."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..block import SIZES_IN_WORDS
+from ..ground_motion import MEASURES, describe_suite
+from ..host import add_names, make_dataset
+from ..resonance import RockingModel
+from .exceedance import describe_variable
+from .hazard import Hazard, compute_return_periods
+from .inventory import Inventory
+from .site import Site
+
+if TYPE_CHECKING:
+    import xarray
+
+# Parameters whose importance is told: what can be built or chosen for an object.
+INVENTORY_PARAMETERS = ("width", "height", "restitution")
+# Long names and units of the answers; the unit of the measure is not known here.
+_OF_MEASURE = "measure"
+_WORDS = {
+    "one_sided": ("whether it stands against a wall", ""),
+    "floor_period": ("period of its floor, 0 on the ground floor", "s"),
+    "floor_damping": ("damping ratio of its floor", "1"),
+    "width": ("width of the base", "m"),
+    "height": ("height, twice that of the centre of mass", "m"),
+    "slenderness": ("height over width", "1"),
+    "inertia_ratio": ("inertia ratio", "1"),
+    "restitution": ("restitution", "1"),
+    "restitution_assumed": ("whether the restitution follows from size, none being known", ""),
+    "low_restitution": ("restitution at the lower end of what is likely, where assumed", "1"),
+    "coefficient_of_variation": ("coefficient of variation of the restitution", "1"),
+    "critical_angle": ("critical angle", "rad"),
+    "uplift_intensity": ("median of the lognormal fragility curve of uplift", _OF_MEASURE),
+    "median": ("median of the lognormal fragility curve of overturning", _OF_MEASURE),
+    "dispersion": ("dispersion of the curve: standard deviation of ln(level)", "1"),
+    "probability": ("probability of overturning at this level", "1"),
+    "probability_low": ("lower end of its Clopper-Pearson interval", "1"),
+    "probability_high": ("upper end of its Clopper-Pearson interval", "1"),
+    "rate": ("rate of overturning", "1/yr"),
+    "rate_at_low_restitution": ("rate of overturning with the low restitution", "1/yr"),
+    "standard_error": ("standard error of the rate, from record to record", "1/yr"),
+    "not_detected": ("upper bound of the change by windows that are not detected", "1/yr"),
+    "elasticity": ("change of the rate in % for 1 % more", "1"),
+    "required_width": ("width at this height from which on the rate is below the target", "m"),
+    "required_width_is_bound": (
+        "whether the required width is the narrowest that was examined, and may be less",
+        "",
+    ),
+    "required_width_reason": ("reason of the required width", ""),
+    "need": ("what the target needs, in words", ""),
+    "most_important": ("parameter with the largest elasticity", ""),
+    "remark": ("what is exceptional", ""),
+}
+
+
+def make_inventory_dataset(
+    inventory: Inventory,
+    site: Site,
+    target: float,
+    model: RockingModel,
+    reported: np.ndarray,
+    answers: dict[str, np.ndarray],
+) -> "xarray.Dataset":
+    """Make the dataset of the answers, ranked by rate; see `assess_inventory`."""
+    assert isinstance(site.hazard, Hazard)
+    order = np.argsort(-answers["rate"], kind="stable")
+    measure_in_words, unit, _ = MEASURES[site.measure]
+    dims = {
+        name: ("object", "level") for name in answers if name.startswith("probability")
+    } | {"elasticity": ("object", "parameter")}
+    variables = {}
+    for name, values in answers.items():
+        long_name, units = _WORDS[name]
+        described = {"long_name": long_name}
+        if units:
+            units = unit if units == _OF_MEASURE else units
+            described = describe_variable(long_name, units)
+        variables[name] = (dims.get(name, ("object",)), values[order], described)
+    uncertain = inventory.uncertain
+    drawn: dict[str, float] = {}
+    if uncertain is not None:
+        for (first, second), value in uncertain.correlations.items():
+            drawn[f"correlation_of_{first}_and_{second}"] = value
+        drawn |= {"samples": uncertain.samples, "seed": uncertain.seed}
+    assumed = {}
+    if "one_sided" in answers:
+        assumed["one_sided_objects"] = "under each record in both directions"
+    if "floor_period" in answers:
+        assumed["floors"] = "each of one mode with participation 1"
+    periods = compute_return_periods(site.hazard, reported)
+    dataset = make_dataset(
+        "Inventory of objects, ranked by the rate of overturning",
+        variables,
+        {
+            "level": ("level", reported, describe_variable(measure_in_words, unit)),
+            "return_period": (
+                "level",
+                periods,
+                describe_variable("return period of the level", "yr"),
+            ),
+            "rank": ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"}),
+        },
+        {
+            "measure": site.measure,
+            "target": float(target),
+            "record_count": site.suite.recordings,
+            **describe_suite(site.suite),
+            "hazard_curve": str(site.hazard),
+            "model": model.name,
+            "simulated_levels": site.levels.size,
+            **assumed,
+            **drawn,
+        },
+    )
+    names = {
+        "object": ([inventory.names[k] for k in order], "object"),
+        "parameter": (
+            [SIZES_IN_WORDS.get(name, name) for name in INVENTORY_PARAMETERS],
+            "parameter",
+        ),
+    }
+    dataset = add_names(dataset, **names)
+    needs = [describe_need(dataset.isel(object=k)) for k in range(len(inventory))]
+    long_name, _ = _WORDS["need"]
+    return dataset.assign(need=("object", needs, {"long_name": long_name}))
+
+
+def describe_need(answer: "xarray.Dataset") -> str:
+    """Describe in words whether an object needs another width for the target.
+
+    Parameters
+    ----------
+    answer : "xarray.Dataset"
+        Of one object, from `assess_inventory`.
+    """
+    width = float(answer.width)
+    required = float(answer.required_width)
+    if float(answer.rate) <= float(answer.attrs["target"]):
+        return "suffices"
+    if math.isinf(required):
+        return "no width suffices"
+    if required > width:
+        return f"needs {round_width_up(required):.2f} m"
+    # The width is sought with the median of the restitution, whose uncertainty adds to the
+    # rate.
+    return "misses the target by the uncertainty alone"
+
+
+def round_width_up(width: float) -> float:
+    """Round a width up to the next centimetre: a lower one than required does not suffice."""
+    return math.ceil(100 * width - 1e-9) / 100
+
+
+def describe_required_width(answer: "xarray.Dataset") -> str:
+    """Describe the required width of one object as a number, "<= 0.2" or "none".
+
+    It is a bound where the target is met even at the narrowest width that was examined.
+    """
+    required = float(answer.required_width)
+    if math.isinf(required):
+        return "none"
+    return f"{'<= ' if bool(answer.required_width_is_bound) else ''}{required:.6g}"
+
+
+def describe_years(answer: "xarray.Dataset") -> str:
+    """Describe in how many years one object overturns once: "1,500", "1,100 to 2,000".
+
+    There are two numbers where its restitution is assumed: those with the low and with the
+    assumed one. A rate of 0 is "never under these records".
+    """
+    rates = [float(answer.rate)]
+    if "rate_at_low_restitution" in answer and bool(answer.restitution_assumed):
+        rates.append(float(answer.rate_at_low_restitution))
+    years = [_round_years(1 / rate) for rate in sorted(rates, reverse=True) if rate > 0]
+    if not years:
+        return "never under these records"
+    if len(years) < len(rates):
+        return f"{years[0]} or more"
+    return " to ".join(dict.fromkeys(years))
+
+
+def _round_years(years: float) -> str:
+    """Round years to two digits, which is more than records tell: 2,500."""
+    rounded = float(f"{years:.2g}")
+    return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:g}"
