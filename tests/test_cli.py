@@ -578,7 +578,7 @@ def test_a_record_that_never_lifts(capsys, tmp_path):
     assert code == 2
     assert err == (
         "jaxrock: error: motion must lift the block with some factor,"
-        " got one that never does\n"
+        " got one that does not with any\n"
     )
     code, text, _ = run(capsys, "respond", *still, "--out", tmp_path / "out")
     assert code == 0

@@ -214,7 +214,10 @@ TABLES_THAT_ARE_REFUSED = [
     (f"{HEAD}\na,1,nan,,\n", r"2: .*'height \[m\]' must be finite .*, got 'nan'"),
     (f"{HEAD}\na,1,2,1.1,\n", "2: .*'restitution' must be between 0 and 1, got '1.1'"),
     (f"{HEAD}\na,1,2,0.8,-1\n", "2: .*'restitution cov' must be finite and at least"),
-    (f"{HEAD}\na,1,2,1,0.1\n", "2: coefficient of variation of restitution must be 0 at 1"),
+    (
+        f"{HEAD}\na,1,2,1,0.1\n",
+        "2: coefficient of variation of restitution must be 0 at a median of 1",
+    ),
     # Walls and floors.
     ("name,width m,height m,one-sided [m]\n", r"1: column 'one-sided \[m\]': no unit was"),
     ("name,width m,height m,floor period\n", "1: column 'floor period': a unit of time was"),

@@ -227,7 +227,7 @@ def test_arrays_without_axes_are_names(question, make, any_type):
             lambda: fit_driven_rocking(
                 TIME, ROTATION, BLOCK, SINE, 0.8, parameters=[np.array(["slenderness"] * 2)]
             ),
-            "parameters must be different ones of .* got array",
+            "parameters must be different names of .* got array",
         ),
         (lambda: jr.tornado(jr.rotation_ratio, SCENE, {3.0: (0.7, 0.9)}), "ranges has 3.0, "),
         (

@@ -132,7 +132,7 @@ TABLES_THAT_ARE_REFUSED = [
     ("pgv [m/s],rate\n1,.1\n2,nan\n", ", line 3: a rate must be .* at least 0, got nan"),
     ("pgv [m/s],rate\n1,.1\n2,-1\n", ", line 3: a rate must be .* at least 0, got -1"),
     ("pgv [m/s],rate\n0,.1\n2,0\n", ", line 2: a level must be .* than 0, got 0"),
-    ("pgv [m/s],rate\n1,.1\n2,.1\n", ": rates must fall with the level, got only"),
+    ("pgv [m/s],rate\n1,.1\n2,.1\n", ": rates must fall with the level, got 0.1 at all"),
     ("pga [g],poe in 9 years\n1,1.1\n2,1\n", ", line 2: a probability .* got 1.1"),
     ("pga [g],poe in 9 yr [%]\n1,11\n2,-1\n", ", line 3: a probability .* 100 %, got -1"),
     ("pga [g],poe in 9 years\n1,.1\n2,1\n", ", line 3: rates must not rise"),
