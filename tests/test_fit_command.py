@@ -176,7 +176,7 @@ def test_a_moon_and_a_statue(capsys, tmp_path):
 
 def test_too_few_times(capsys, tmp_path):
     path = written(tmp_path / "times.csv", np.array([0, 0.5, 0.9]))
-    sentence = "impact_times must have at least 5 values to fit 4 parameters, got 3"
+    sentence = f"times in {str(path)!r} must have at least 5 values to fit 4 parameters, got 3"
     answer = run(capsys, "fit", path, "--out", tmp_path / "out")
     assert answer == (2, "", f"jaxrock: error: {sentence}\n")
     assert not (tmp_path / "out").exists()

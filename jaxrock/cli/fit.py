@@ -86,7 +86,7 @@ def fit(
         from ..plot import plot_free_rocking_fit
 
         with naming_arguments(
-            impact_times=f"impacts in {str(file)!r}", peak_rotations=f"peaks in {str(file)!r}"
+            impact_times=f"times in {str(file)!r}", peak_rotations=f"peaks in {str(file)!r}"
         ):
             fitted = fit_free_rocking(
                 times,
