@@ -1,11 +1,12 @@
 """Levels at which a response to a record begins or ceases to exceed a threshold."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import jax
 import numpy as np
 
 from ..block import Block
+from ..driven import RecordVariants
 from ..ground_motion import Record, Suite
 from ..overturning import uplift_factor
 from ..resonance import RockingModel
@@ -85,7 +86,7 @@ def sum_boundaries(
 
 def find_uplift_levels(
     block: Block,
-    records: Suite | Sequence[Record],
+    motions: Suite | RecordVariants,
     intensities: AnyArray,
     model: RockingModel,
 ) -> np.ndarray:
@@ -94,8 +95,8 @@ def find_uplift_levels(
     Parameters
     ----------
     block : Block, shape (blocks,)
-    records : sequence of Record
-        As they are.
+    motions : Suite or RecordVariants
+        As they are; the variants are those of the blocks.
     intensities : array_like, shape (records,) or (records, blocks)
         Their measure.
     model : Nonlinear or Linearized
@@ -105,14 +106,42 @@ def find_uplift_levels(
     ndarray, shape (records, blocks)
         Infinite where a record lifts a block with no factor.
     """
+    records = motions.records
     number = len(np.asarray(block.half_width))
-    factors = []
+    factors = np.empty((len(records), number))
+    if isinstance(motions, RecordVariants):
+        which = np.ravel(motions.which)
+        for variant in np.unique(which).astype(int):
+            (places,) = np.nonzero(which == variant)
+            some = _select_blocks(block, places)
+            for k, record in enumerate(records):
+                single = _select_variant(record, variant)
+                factors[k, places] = _find_uplift_factors(some, single, model)
+    else:
+        for k, record in enumerate(records):
+            factors[k] = _find_uplift_factors(block, record, model)
+    return factors * np.asarray(intensities).reshape(len(records), -1)
+
+
+def _find_uplift_factors(block: Block, record: Record, model: RockingModel) -> np.ndarray:
+    """Find the factor on a record from which on it lifts each of some blocks."""
+    number = len(np.asarray(block.half_width))
+    groups = []
     for start in range(0, number, _TOGETHER):
         # The last group is filled up with the last block.
-        which = np.minimum(np.arange(start, start + _TOGETHER), number - 1)
-        group = jax.tree.map(lambda leaf, which=which: np.asarray(leaf)[which], block)
-        factors.append(
-            [np.asarray(uplift_factor(group, record, model=model)) for record in records]
-        )
-    joined = np.concatenate(factors, axis=-1)[:, :number]
-    return joined * np.asarray(intensities).reshape(len(joined), -1)
+        places = np.minimum(np.arange(start, start + _TOGETHER), number - 1)
+        group = _select_blocks(block, places)
+        groups.append(np.asarray(uplift_factor(group, record, model=model)))
+    return np.concatenate(groups)[:number]
+
+
+def _select_blocks(block: Block, places: np.ndarray) -> Block:
+    """Select some blocks of an array."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[places], block)
+
+
+def _select_variant(record: Record, variant: int) -> Record:
+    """Select a variant of a record, whose samples have a leading axis of variants."""
+    return jax.tree.map(
+        lambda leaf: leaf if np.ndim(leaf) < 2 else np.asarray(leaf)[variant], record
+    )

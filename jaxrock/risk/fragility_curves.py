@@ -335,10 +335,11 @@ def _simulate_scaled_records(
     index: dict[str, npt.NDArray | int] = {"object": 0, "sample": 0}
     index |= zip(dims[:-1], np.meshgrid(*parts[:-1], indexing="ij"), strict=True)
     shape = tuple(part.size for part in parts[:-1])
-    places = tuple(
+    record, place, sample = (
         np.broadcast_to(index[name], shape).reshape(-1)
         for name in ("record", "object", "sample")
     )
+    places = (record, place, sample)
     levels = np.asarray(as_real("levels", parts[-1]))
     labels: dict[str, Labels] = {
         dim: [parameters.names[dim][k] for k in part] if dim in parameters.names else part
