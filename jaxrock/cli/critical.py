@@ -106,8 +106,4 @@ def critical(
             save_picture(picture, folder / "critical.png")
     files = [] if out is None else [out / name for name in _FILES]
     data = {"rows": list_rows(limits.columns), **limits.data}
-    # Where the restitution is sought, the one that is given does not matter.
-    text = limits.text
-    if along != "restitution":
-        text = f"{block_options.restitution_text}\n{text}"
-    return Answer(text, data, output, files)
+    return Answer(limits.text, data, output, files)

@@ -70,7 +70,10 @@ def plan_search(
     """Plan the search: the motion, the quantity, the values to examine."""
     block = block_options.block
     restitution = block_options.coefficient
-    title = f"{block_options.scene_text}; {options.text}"
+    # Where the restitution is sought, the one that is given does not matter.
+    is_sought = along == "restitution"
+    block_text = block_options.size_text if is_sought else block_options.scene_text
+    title = f"{block_text}; {options.text}"
     if options.pulse and options.pulse_duration is not None:
         title += f" of {options.pulse_duration:g} s"
     along = along or ("amplitude" if options.pulse else "factor")

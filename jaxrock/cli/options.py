@@ -198,12 +198,16 @@ class BlockOptions:
         return f"C = {self.coefficient:.6g}"
 
     @property
-    def scene_text(self) -> str:
-        """The size and the restitution of the block in words."""
+    def size_text(self) -> str:
+        """The size of the block in words."""
         block = self.block
         wall = ", against a wall" if block.one_sided else ""
-        size = f"block {float(block.width):.6g} m wide, {float(block.height):.6g} m high"
-        return f"{size}{wall}, {self.restitution_text}"
+        return f"block {float(block.width):.6g} m wide, {float(block.height):.6g} m high{wall}"
+
+    @property
+    def scene_text(self) -> str:
+        """The size and the restitution of the block in words."""
+        return f"{self.size_text}, {self.restitution_text}"
 
     @property
     def coefficient(self) -> float:

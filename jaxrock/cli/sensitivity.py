@@ -129,24 +129,13 @@ def sensitivity(
         options |= {"ratio": asked.ratio, "samples": asked.samples, "seed": asked.seed}
         if records is None:
             options["relative_change"] = question.relative_change
-        answered = answer_driven(asked, out, output, describe_options("sensitivity", options))
-        return _add_assumption(answered, block_options)
+        return answer_driven(asked, out, output, describe_options("sensitivity", options))
     motion_options.refuse_all("--pulse or --record")
     refuse("--pulse, --record or --records", ratio=ratio, samples=samples, seed=seed)
     question = _add_intensity(question, intensity)
     options["relative_change"] = question.relative_change
     options["intensity"] = question.at.get("intensity")
-    answered = _answer_resonance(
-        question, out, output, describe_options("sensitivity", options)
-    )
-    return _add_assumption(answered, block_options)
-
-
-def _add_assumption(answered: Answer, block_options: BlockOptions) -> Answer:
-    """Add the restitution in words, if it was assumed; its value stands in the answer."""
-    if block_options.restitution is not None:
-        return answered
-    return replace(answered, text=f"{answered.text}\n{block_options.restitution_text}")
+    return _answer_resonance(question, out, output, describe_options("sensitivity", options))
 
 
 def _answer_resonance(
