@@ -32,7 +32,7 @@ _MOST_DAMPING = 1e6  # steps are then about a millionth of Gauss-Newton steps
 
 
 # Why no argument of a fit may be traced.
-OUTSIDE = "a fit is made outside of jit and vmap"
+OUTSIDE = "a fit searches on the host"
 
 
 class Least(NamedTuple):

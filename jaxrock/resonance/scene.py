@@ -61,7 +61,7 @@ class Scene(Printed, Checked):
                     f"restitution is {restitution:g} and intensity {intensity:g} m/s:"
                     " Scene(block, restitution, intensity) takes them in this order, or by"
                     " name",
-                    stacklevel=3,
+                    stacklevel=4,
                 )
         return super().__new__(cls)
 

@@ -40,7 +40,7 @@ def gather_objects(
 ) -> Objects:
     """Gather concrete objects; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
-    check_concrete((block, restitution), "outcomes are counted outside of jit, vmap and grad")
+    check_concrete((block, restitution), "outcomes are counted on the host")
     coefficient = read_restitution(block, restitution)
     leaves, form = jax.tree.flatten((block, coefficient))
     shapes = [np.shape(leaf) for leaf in leaves]
