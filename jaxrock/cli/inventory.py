@@ -201,7 +201,7 @@ def _describe_assumed(assessed: "xarray.Dataset") -> list[str]:
         number = len(coefficients)
         lines.append(
             f"C = {' to '.join(ends)} ({theory}, assumed) of {number} object{'s' * (number > 1)};"
-            " once in: the years with a low C and with this one"
+            " once in: the years with this C and with a low one"
         )
     return lines
 

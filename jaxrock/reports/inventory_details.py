@@ -144,7 +144,7 @@ def _write_cells(assessed: "xarray.Dataset") -> dict[str, str]:
     cells = {
         "rank": f"{int(assessed['rank'])}",
         "name": html.escape(str(assessed.object.values)),
-        "size": f"{float(assessed.width):.2f} &times; {float(assessed.height):.2f}",
+        "size": f"{float(assessed.width):.4g} &times; {float(assessed.height):.4g}",
         "restitution": restitution,
         "uplift_intensity": _write_number(assessed.uplift_intensity),
         "median": f"{_write_number(assessed['median'])} ({_write_number(assessed.dispersion)})",

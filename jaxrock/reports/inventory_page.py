@@ -164,17 +164,20 @@ def _write_actions(dataset: "xarray.Dataset") -> str:
         lines.append(
             f'<tr class="{kind}"><td>{int(answer["rank"])}</td>'
             f'<td class="name">{html.escape(str(answer.object.values))}</td>'
-            f"<td>{float(answer.width):.2f} &times; {float(answer.height):.2f} m</td>"
+            f"<td>{float(answer.width):.4g} &times; {float(answer.height):.4g} m</td>"
             f'<td class="rate">{years}</td>'
             f'<td class="words">{html.escape(_describe_action(answer))}</td></tr>'
         )
     lines += ["</tbody>\n</table>", '<p class="below">']
-    lines.append("To fix an object is to hold it so that it cannot rock.")
+    lines.append(
+        "To fix an object is to hold it so that it cannot rock. Once in 475 years is an average:"
+        " a chance of 10 % in 50 years."
+    )
     if "rate_at_low_restitution" in dataset:
         lines.append(
             "Two numbers of years: nobody has measured how much of its velocity this object"
-            " keeps at an impact, its restitution C. They are those with a low C and with a high"
-            " one, which theory gives."
+            " keeps at an impact, its restitution C. One is for the C of theory, mostly the"
+            " smaller number, the other for a low C."
         )
     return "\n".join([*lines, "</p>"])
 
@@ -199,5 +202,5 @@ def _describe_action(answer: "xarray.Dataset") -> str:
             "fix it, or measure its restitution, whose uncertainty makes it miss the target"
         )
     if at_low <= target:
-        action += f", unless C = {float(answer.low_restitution):.2f}"
+        action += f", unless C is {float(answer.low_restitution):.2f} or less"
     return action

@@ -214,7 +214,9 @@ def _compute_curve(
         remarks.append("the median lies outside of the levels")
     outside = int(((fitted < low) | (fitted > high)).sum())
     if outside:
-        remarks.append(f"outside of the intervals at {outside} of {levels.size} levels")
+        remarks.append(
+            f"the curve is outside of the intervals at {outside} of {levels.size} levels"
+        )
     # Counts need not increase with the level: a block that a record overturns may survive the
     # same record made stronger. A lognormal curve hides that, so the remark says it.
     falls = int((np.diff(mean) < 0).sum())

@@ -169,13 +169,16 @@ def describe_required_width(answer: "xarray.Dataset") -> str:
 def describe_years(answer: "xarray.Dataset") -> str:
     """Describe in how many years one object overturns once: "1,500", "1,100 to 2,000".
 
-    There are two numbers where its restitution is assumed: those with the low and with the
-    assumed one. A rate of 0 is "never under these records".
+    There are two numbers where its restitution is assumed: those with the assumed one and with
+    the low one, the smaller number first. A rate of 0 is "never under these records".
     """
     rates = [float(answer.rate)]
     if "rate_at_low_restitution" in answer and bool(answer.restitution_assumed):
         rates.append(float(answer.rate_at_low_restitution))
-    years = [_round_years(1 / rate) for rate in sorted(rates, reverse=True) if rate > 0]
+    target = 1 / float(answer.attrs["target"])
+    years = [
+        _round_years(1 / rate, target) for rate in sorted(rates, reverse=True) if rate > 0
+    ]
     if not years:
         return "never under these records"
     if len(years) < len(rates):
@@ -183,7 +186,12 @@ def describe_years(answer: "xarray.Dataset") -> str:
     return " to ".join(dict.fromkeys(years))
 
 
-def _round_years(years: float) -> str:
-    """Round years to two digits, which is more than records tell: 2,500."""
+def _round_years(years: float, target: float) -> str:
+    """Round years to two digits, which is more than records tell: 2,500.
+
+    More digits stand where two of them would be on the other side of the target.
+    """
     rounded = float(f"{years:.2g}")
+    if (rounded < target) != (years < target):
+        rounded = float(f"{years:.4g}")
     return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:g}"

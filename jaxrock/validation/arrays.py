@@ -56,7 +56,9 @@ def is_traced(tree: object) -> bool:
 def check_concrete(tree: object, reason: str) -> None:
     """Raise `ValueError` for a traced pytree: `reason` says why it cannot be one."""
     if is_traced(tree):
-        raise ValueError(f"arguments must be concrete here, outside of jit, vmap and grad: {reason}")
+        raise ValueError(
+            f"arguments must be concrete here, outside of jit, vmap and grad: {reason}"
+        )
 
 
 def choose_namespace(tree: object) -> ModuleType:

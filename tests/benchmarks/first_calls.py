@@ -433,9 +433,7 @@ QUOTED = (
     "rotation_ratio",
     "grad of rotation_ratio",
     "respond, record",
-    "respond_batch, 1,000 blocks",
     "fragility, 20 records",
-    "overturning_rate, 20 records",
     "jaxrock assess",
 )
 
