@@ -119,7 +119,9 @@ def plot_overturning_map(boundaries: xarray.Dataset, ax: Axes | None = None) -> 
     >>> boundaries = jr.overturning_map(jr.Sine, [4.0], restitution=0.9)
     >>> axes = jr.plot.plot_overturning_map(boundaries)
     """
-    check_dataset("boundaries", boundaries, ("overturns", "impacts"), "overturning_map(...)")
+    check_dataset(
+        "boundaries", boundaries, ("overturns_first", "impacts"), "overturning_map(...)"
+    )
     ax = get_axes(ax, figsize=(7.2, 4.4))
     boundaries = boundaries.sortby("frequency_ratio")
     ratios = boundaries.frequency_ratio.values
