@@ -111,7 +111,7 @@ def find_uplift_levels(
     factors = np.empty((len(records), number))
     if isinstance(motions, RecordVariants):
         which = np.ravel(motions.which)
-        for variant in np.unique(which).astype(int):
+        for variant in map(int, np.unique(which)):
             (places,) = np.nonzero(which == variant)
             some = _select_blocks(block, places)
             for k, record in enumerate(records):

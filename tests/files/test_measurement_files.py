@@ -86,7 +86,7 @@ FILES_THAT_ARE_REFUSED = [
     (b"# rotations in radians\ntime [s],peak [deg]\n0,1\n1,2\n",
      ", line 1: a comment states the unit 'radians', but the column is 'peak .deg.'"),
     (b"\n".join(b"%d,0.1" % k for k in range(2, 12)),
-     ", line 1: times of impacts were expected, .* got times of samples, 1 s apart"),
+     ", line 1: times of impacts were expected, .* got evenly spaced times, 1 s apart"),
     (b"time [furlong]\n0\n1\n", ", line 1: one column must be times, .* got 'time"),
     (b"time,t\n0,1\n1,2\n", ", line 1: one column must be times, .* got 'time,t'"),
     (b"peak time [s],n\n1,1\n2,2\n", ", line 1: one column must be times, .* 'peak time"),
