@@ -72,8 +72,9 @@ class Block(Printed, Checked):
         acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
         `from_size` takes the full width and height instead.
     inertia_ratio : array_like
-        kappa = I_O / (m R^2) [-], the moment of inertia about the edge, divided by the moment
-        of the same mass in its centre; finite and at least 1. It is 4 / 3 for a homogeneous
+        kappa = I_O / (m R^2) [-], the moment of inertia about the edge, divided by what it
+        would be if the whole mass m were at the centre of mass, at the distance R from the
+        edge; finite and at least 1. It is 4 / 3 for a homogeneous
         rectangle, less where the mass is closer to its centre, more where it is further away.
     one_sided : bool
         Whether it stands against a wall and rocks about one edge only, as a facade does in
@@ -156,8 +157,9 @@ class Block(Printed, Checked):
         Parameters
         ----------
         width, height, gravity : array_like
-            2b [m], 2a [m], twice the height of the centre of mass, and g [m/s2], finite and
-            greater than 0. They are given by their names only, since width and height are
+            2b [m]; 2a [m], which is twice the height of the centre of mass; and g [m/s2]. All
+            are finite and greater than 0.
+            They are given by their names only, since width and height are
             easily swapped.
         inertia_ratio : array_like
             kappa [-], finite and at least 1; 4 / 3 for a homogeneous rectangle.

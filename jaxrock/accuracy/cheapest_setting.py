@@ -119,9 +119,9 @@ def choose(
     scene : Scene or DrivenScene
         Elementwise: every element gets a setting of its own.
     tolerance : float
-        Relative; on the rotation ratio, the period and the critical intensity of a `Scene`,
-        on the peak rotation of a `DrivenScene`. A setting is never within tolerance if it
-        predicts that a block stands which overturns.
+        Relative error that is allowed: of the rotation ratio, the period and the critical
+        intensity of a `Scene`, of the peak rotation of a `DrivenScene`. A setting that predicts
+        standing for a block that overturns is never within tolerance.
     shape : type, optional
         `Rectangular` or `HalfSine`, the pulses of a `Scene`; instantaneous unless given.
     duration : array_like, optional

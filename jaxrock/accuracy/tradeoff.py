@@ -88,8 +88,9 @@ class Tradeoff(Printed):
         Has the dimension setting and the variables label, level, solver, tolerance, bits,
         batch, default, error, seconds (median time per answer), spread (interquartile range
         of the time over its median), compilation (seconds), behind, front and front_of_level.
-        behind is the time over the time of the fastest setting of the same batch that is at
-        least as accurate. front is 1 where this is the setting itself; front_of_level
+        ``behind`` is the time, divided by that of the fastest setting of the same batch that is
+        at least as accurate. ``front`` is 1 where no other setting is that fastest one;
+        front_of_level
         compares settings of one level of fidelity only.
     """
 

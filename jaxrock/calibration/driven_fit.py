@@ -129,8 +129,8 @@ def fit_driven_rocking(
     """Fit the restitution of a block to its rotation measured on a shaking table.
 
     The fit minimizes least squares with `respond` and its derivatives. It extends the fitted
-    part of the motion step by step: an impact in another order would put the block on the
-    other side, from which no derivative leads back.
+    part of the motion step by step. If impacts came in another order, the computed block would
+    be on the wrong side, and no derivative would lead back from there.
 
     Parameters
     ----------
@@ -166,8 +166,8 @@ def fit_driven_rocking(
 
     Notes
     -----
-    Standard errors are local: they describe the neighbourhood of the fitted motion. In a
-    longer test they are smaller, but more other motions nearly fit it. A C that is many
+    Standard errors are local: they describe the neighbourhood of the fitted motion. In a longer
+    test they are smaller, but more other motions fit nearly as well. A C that is many
     standard errors away, but within the standard errors of the first impacts alone, may
     explain the test as well.
 

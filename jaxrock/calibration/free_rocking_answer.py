@@ -49,8 +49,8 @@ class FreeRockingFit(Printed, eqx.Module):
         C of the largest impact minus C of the smallest one, if C is linear in the velocity;
         its standard error; and the probability that a constant C seems to change as much.
     frequency_p_value : Array
-        Probability that durations of the given block fit another p as much better; NaN where
-        p is fitted.
+        Probability that another p seems to fit better by as much, although the block has the
+        given p; NaN where p is fitted.
     degrees_of_freedom : Array
         Number of measurements minus number of fitted parameters.
     block : Block or None

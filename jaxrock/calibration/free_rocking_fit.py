@@ -97,8 +97,9 @@ def fit_free_rocking(
     slenderness of 15 if the first launch is 0.9 of the critical velocity, and up to 3 if it
     is half of that.
 
-    If p is unknown, only the curvature of the durations shows how large the motion is, which
-    takes impacts that begin near overturning. For 13 impacts with 1 ms of noise, b = 0.1 m,
+    If p is unknown, only the curvature of the durations shows how large the motion is. For
+    this, the first half-cycles must begin near overturning.
+    For 13 impacts with 1 ms of noise, b = 0.1 m,
     lambda = 5 and C = 0.9, C is known to 0.0003 and p to 0.3 % if the first launch is 0.95 of
     the critical velocity, and to 0.001 and 8 % if it is half of it.
 

@@ -47,7 +47,7 @@ def critical(
     out: Folder | None = None,
     output: FileOutput = FileOutput(),
 ) -> Answer:
-    """Find the limits at which a block overturns, under timed pulses, a longer one or a record.
+    """Find the limits at which a block overturns, under timed pulses, a pulse or a record.
 
     Without a pulse or a record, it computes critical intensities in closed form, by both
     equations, and the sizes and the restitution with which the given intensity just overturns

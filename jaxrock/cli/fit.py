@@ -39,7 +39,7 @@ def fit(
     out: Folder = Path("fit"),
     output: FileOutput = FileOutput(),
 ) -> Answer:
-    """Fit the restitution of a block, and if need be its p, to the times of its impacts.
+    """Fit restitution, and if need be frequency parameter p, to impact times of a block.
 
     In a test the block is tilted and let go; a microphone or an accelerometer beside it hears
     the impacts. The file has a line for each impact: its time [s] and, optionally after a

@@ -66,8 +66,8 @@ def fragility(
     Parameters
     ----------
     measure
-        Intensity measure: peak ground velocity [m/s] or acceleration [m/s2], or its ratio to
-        that of the block.
+        Intensity measure: peak ground velocity [m/s] or acceleration [m/s2], or one of them as
+        a ratio, p PGV / (g tan(alpha_c)) or PGA / (g tan(alpha_c)) [-].
     levels
         Increasing levels of the measure for the curves. If not given, 25 levels that suit the
         size of the block.

@@ -84,7 +84,8 @@ def _suggest_count(word: str) -> str:
         if len(steps) == 1 and 0 < abs(steps[0]) < abs(stop - start) and steps[0] % 1:
             count = round(abs((stop - start) / steps[0])) + 1
             return (
-                f"; a count is no step: {word.rpartition(':')[0]}:{count} has steps of"
+                "; the last number is a count, not a step:"
+                f" {word.rpartition(':')[0]}:{count} has steps of"
                 f" {(stop - start) / (count - 1):.4g}"
             )
     return ""

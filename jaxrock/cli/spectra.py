@@ -148,7 +148,8 @@ def rocking_spectrum(
 ) -> Answer:
     """Compute the rocking spectrum of a record: peak rotation over the size of the block.
 
-    Of the example record if none is given. Writes rocking_spectrum.nc, .csv and .png.
+    If no record is given, it is that of the example record. Writes
+    rocking_spectrum.nc, .csv and .png.
 
     Example: jaxrock rocking-spectrum --record example --scale 1.5
 

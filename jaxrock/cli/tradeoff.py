@@ -22,7 +22,7 @@ def tradeoff(
     out: Folder = Path("tradeoff"),
     output: FileOutput = FileOutput(),
 ) -> Answer:
-    """Measure the error and the time of every setting on this machine.
+    """Measure error and time of each equation, solver and precision on this machine.
 
     The block is under a pulse or a record, or with --intensity under the pulses of resonance.
     By default it is under a short half-sine pulse. Writes tradeoff.nc, tradeoff.csv and

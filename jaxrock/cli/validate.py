@@ -56,8 +56,9 @@ def validate(
     Columns are file (the motion), overturned (yes or no), and optionally unit, time step [s],
     column, scale, group, peak rotation [rad] and name. A group, such as an earthquake, is
     fitted as a whole or not at all. In each split, blocks are fitted to half of the groups
-    and predict the other half; rules in PGV and PGA and the base rate do the same for
-    comparison. The block need not be known. Give its size or a prior if you know them.
+    and predict the other half; for comparison the same is done with a rule in PGV, a rule in
+    PGA, and the base rate, which is the frequency of overturning.
+    The block need not be known. Give its size or a prior if you know them.
 
     Writes validation.nc, tests.csv, scores.csv, population.csv, reliability.png and
     outcomes.png.

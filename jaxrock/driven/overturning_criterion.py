@@ -78,9 +78,10 @@ def free_motion_margin(
     Returns
     -------
     Array, shape (...)
-        The smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v outward velocity,
-        D = 2 p sin((alpha_c - abs(alpha)) / 2) the velocity that just fails to come back, v_i
-        the velocity at the next impact, v_c the critical velocity. 1 at rest.
+        The smaller of ``(D - v) / v_c`` and ``1 - C v_i / v_c`` [-]: v is the outward velocity,
+        D = 2 p sin((alpha_c - abs(alpha)) / 2) the outward velocity from which the block just
+        fails to come back, v_i the velocity at the next impact, and v_c the critical velocity.
+        The margin is 1 at rest.
 
     Raises
     ------

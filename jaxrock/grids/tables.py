@@ -28,7 +28,7 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     Raises
     ------
     ValueError
-        If `dataset` is none, or `path` cannot be written.
+        If `dataset` is not a dataset, or `path` cannot be written.
 
     Examples
     --------

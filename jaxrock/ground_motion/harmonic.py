@@ -34,7 +34,7 @@ _LEAST_ROOM = 256
 class Harmonic(Motion):
     """A sine for whole periods, ``amplitude sin(frequency (t - start))``, then rest.
 
-    For the batch, the property ``_period_count`` is the number of periods after which the
+    For `respond_batch`, the property ``_period_count`` is the number of periods after which the
     ground is at rest. It is `cycles`, unless `bucketed` has made room for more periods.
 
     Parameters

@@ -51,7 +51,7 @@ class Motion(Printed, Checked):
     - Times are differentiable like values: `end`, the knots and the kinks move with the start
       and the duration, and a step that ends at a kink moves with it.
 
-    The batch does not call these methods. It has its own representation of each kind of
+    `respond_batch` does not call these methods. It has its own representation of each kind of
     motion, for which `Harmonic` and `Record` have one more property each.
 
     Attributes

@@ -43,7 +43,8 @@ _LENGTH_STEP = 2**16
 class Record(Motion):
     """A recorded ground motion, linear between samples.
 
-    For the batch and for intensity measures, the property ``_last_index`` is the index of the
+    For `respond_batch` and for intensity measures, the property
+    ``_last_index`` is the index of the
     last sample. All later samples are padding (see `bucketed`).
 
     Parameters
@@ -239,9 +240,9 @@ class Record(Motion):
     ) -> "Record":
         """Compute the motion of a floor of a building on the ground of this record.
 
-        Modes are linear oscillators. The acceleration of the floor is a sum over modes, of
-        participation times absolute acceleration, plus the acceleration of the ground times 1
-        minus the sum of the participations.
+        Modes are linear oscillators. The acceleration of the floor has two parts: the sum over
+        all modes of their participation times their absolute acceleration; and the acceleration
+        of the ground, times 1 minus the sum of the participations.
 
         Parameters
         ----------

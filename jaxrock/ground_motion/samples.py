@@ -25,8 +25,8 @@ def refuse_times(name: str, rows: np.ndarray) -> None:
         if rises.any() and not rises.all():
             raise ValueError(
                 f"{name} must have its samples along the last axis, got an array of shape"
-                f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} never falls, as times;"
-                f" pass only the {word}s of accelerations, as rows"
+                f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} never falls, like times;"
+                f" pass only the {word}s of accelerations, one row each"
             )
 
 

@@ -231,7 +231,7 @@ class Suite(Printed, eqx.Module):
         # of levels would meet those of the scales.
         shape = np.shape(self.records[0].scale)
         if shape and levels.ndim:
-            raise ValueError(f"levels must be one where scales have a shape, here {shape}")
+            raise ValueError(f"levels must be one where a scale is an array, here of {shape}")
         measures = require_positive_measures(self, measure, block)
         return levels[(None,) * measures.ndim] / measures.reshape(
             *measures.shape, *[1] * levels.ndim
@@ -308,12 +308,12 @@ class Suite(Printed, eqx.Module):
         Warns
         -----
         UserWarning
-            As in `Record.on_floor`, for the record of which lines miss most.
+            As in `Record.on_floor`, for the record whose peak the straight lines miss by most.
 
         Raises
         ------
         ValueError
-            As in `Record.on_floor`, or if there are several floors, or the suite is on one.
+            As in `Record.on_floor`, if there are several floors, or the suite is on a floor.
 
         Examples
         --------

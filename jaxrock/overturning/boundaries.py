@@ -127,8 +127,9 @@ def overturning_boundaries(
         ``"amplitude"`` of a pulse or a `Harmonic`, ``"duration"`` of a pulse, ``"frequency"``
         of a `Harmonic`, ``"factor"`` on any motion; ``"width"`` [m] at this height,
         ``"height"`` [m] at this width, ``"half_width"`` [m] at this slenderness,
-        ``"slenderness"`` at this width, ``"inertia_ratio"`` or ``"restitution"``. The values
-        replace the value that the scene has; only a factor multiplies the motion.
+        ``"slenderness"`` at this width, ``"inertia_ratio"`` or ``"restitution"``. Each value
+        replaces the one that the block, the restitution or the motion has; only a factor
+        multiplies the motion.
     values : array_like, shape (..., n)
         Increasing values [unit of the quantity], at least two. All other arguments broadcast
         against their leading axes.

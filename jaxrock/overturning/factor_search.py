@@ -125,7 +125,8 @@ def critical_factor(
     motion : Motion
         One pulse, `Harmonic` or `Record`.
     ratios : sequence of two floats
-        The range of factors, over the factor that just lifts the block; see `uplift_factor`.
+        The range of factors, as multiples of the factor that just lifts the block; see
+        `uplift_factor`.
     resolution : float
         Relative distance of the examined factors. A narrower window may not be detected.
 

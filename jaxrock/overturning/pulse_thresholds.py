@@ -74,7 +74,8 @@ def critical_amplitude(
     duration : array_like
         Duration of the pulse [s], greater than 0.
     ratios : sequence of two floats
-        The range of amplitudes, over the amplitude that just lifts the block: g tan(alpha_c),
+        The range of amplitudes, as multiples of the amplitude that just lifts the block:
+        g tan(alpha_c),
         or g alpha_c with `Linearized`.
     resolution : float
         Windows wider than this fraction of their amplitude are detected; where a block
@@ -243,7 +244,7 @@ def survival_windows(
     """
     check_concrete(
         (block, restitution, motion, factors),
-        "windows are listed, and overturning_boundaries works under jit",
+        "the number of windows depends on the answers; overturning_boundaries works under jit",
     )
     boundaries = overturning_boundaries(
         block, restitution, motion, "factor", factors, model=model

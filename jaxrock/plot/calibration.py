@@ -19,7 +19,7 @@ def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> 
     or were left out are marked at the foot. For peaks without times only C is drawn. If C is
     constant, 95 % of the impacts lie in the grey band, which is wider for slower impacts. If
     a constant C does not explain the data, a line shows C linear in the velocity. If p is
-    fitted too, only the legend says so, since p would change with such a C.
+    fitted too, there is no such line, since p would change with such a C; the legend says so.
 
     Parameters
     ----------

@@ -31,8 +31,8 @@ _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw fragility curves: probabilities of exceedance over the level, with intervals.
 
-    Marks are counted probabilities, a line is the maximum-likelihood lognormal curve. Of the
-    last threshold a band joins the limits of the Clopper-Pearson intervals. Thresholds that
+    Marks are counted probabilities, a line is the maximum-likelihood lognormal curve. For the
+    last threshold, a band joins the limits of the Clopper-Pearson intervals. Thresholds that
     differ by one record at most, at any level, are drawn once.
 
     Parameters

@@ -214,7 +214,7 @@ def _find_ends(y: np.ndarray) -> np.ndarray:
 
 
 def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") -> Figure:
-    """Draw a variable over slenderness: a column for a restitution, a row for an intensity.
+    """Draw a variable over slenderness, restitutions in columns and intensities in rows.
 
     Each width has a curve. If a dimension has too many values to distinguish (more than 4
     panels a side, 7 curves, 500 points of a curve), an evenly chosen part of them is drawn,

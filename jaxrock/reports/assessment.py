@@ -94,22 +94,23 @@ def assess_block(block: Block, restitution: Number) -> Answers:
 
 
 def assess(scene: Scene, tolerance: float | None = None) -> Answers:
-    """Compute geometry, one pulse, stabilized phase, critical intensities and sensitivities.
+    """Compute geometry, first response, stabilized phase, critical intensities, sensitivities.
 
     Parameters
     ----------
     scene : Scene
         A single scene: all its values are numbers.
     tolerance : float, optional
-        Relative; adds which equation and precision keep it; see `choose`.
+        Relative error that is allowed. With it, the answer also names the cheapest equation and
+        precision within it; see `choose`.
 
     Returns
     -------
     dict
-        Nested, with numbers, NaN where a quantity does not exist: ``scene``, which both
-        models share; ``models``, the answers of each; ``linearization_error``, the ratio of
-        `Linearized` to `Nonlinear` minus 1; and with a tolerance ``choice``, which has text
-        as well.
+        A nested dictionary of numbers, NaN where a quantity does not exist. ``scene`` has what
+        does not depend on the model, ``models`` the answers of each model, and
+        ``linearization_error`` the ratio of `Linearized` to `Nonlinear`, minus 1. With a
+        tolerance there is ``choice``, which has text as well.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     1.111 s
     """
     check_kind("scene", scene, Scene)
-    check_concrete(scene, "an assessment is a text of numbers")
+    check_concrete(scene, "an assessment has plain numbers, which are printed")
     _require_single("scene", scene)
     result = _run_programs(scene, _describe_scene, _compute_answers)
     if tolerance is not None:

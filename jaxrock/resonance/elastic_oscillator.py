@@ -83,7 +83,7 @@ class Oscillator(Printed, Checked):
     @property
     @elementwise()
     def amplification(self) -> Reals:
-        """Stabilized displacement over the first, psi = 1 / (1 - B) (Eq. 23) [-].
+        """Stabilized displacement over that after one pulse, psi = 1 / (1 - B) (Eq. 23) [-].
 
         It is inf without damping.
         """
@@ -94,7 +94,7 @@ class Oscillator(Printed, Checked):
 
     @elementwise(velocity=quantity(FINITE, "m/s"), time=quantity(FINITE, "s"))
     def motion(self, velocity: Number, time: Number) -> tuple[Reals, Reals]:
-        """Compute displacement and velocity at a time after a passage of zero (Eq. 16).
+        """Compute displacement and velocity at a time after the displacement is 0 (Eq. 16).
 
         Parameters
         ----------
@@ -202,8 +202,8 @@ def equivalent_damping(restitution: Number) -> Reals:
     """Compute the viscous damping ratio that is equivalent to a coefficient of restitution.
 
     Makris and Konstantinidis (2003, https://doi.org/10.1002/eqe.239) fit
-    ``beta = -0.34 ln(r)`` with r the ratio of kinetic energies over an impact, which is the
-    square of the ratio of velocities C.
+    ``beta = -0.34 ln(r)`` where r is the kinetic energy after an impact over that before it:
+    the square of C, the ratio of the velocities.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def damping_from_decay(velocity_decay: Number) -> Reals:
     Returns
     -------
     xi : Array, shape (...)
-        Damping ratio [-], with ``sqrt(1 - xi^2)`` taken for 1; inf for B = 0.
+        Damping ratio [-], with ``sqrt(1 - xi^2)`` approximated by 1; inf for B = 0.
 
     Raises
     ------

@@ -94,8 +94,8 @@ class Linearized(RockingModel):
 class Nonlinear(RockingModel):
     """Free rocking of any block, the equation of motion (Eq. 1) in full.
 
-    Durations are Carlson's elliptic integral R_F (Carlson 1995,
-    https://doi.org/10.1007/BF02198293), rotations over time Jacobi's functions.
+    Durations are computed by Carlson's elliptic integral R_F (Carlson 1995,
+    https://doi.org/10.1007/BF02198293), rotations over time by Jacobi's elliptic functions.
 
     Examples
     --------

@@ -118,7 +118,7 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
 
 @elementwise()
 def stabilized_velocity(scene: Scene) -> Reals:
-    """Compute the limit of the launch velocity, even if the block overturns before (Eq. 10).
+    """Compute the limit of the launch velocity, even if the block overturns earlier (Eq. 10).
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the stabilized peak rotation over the peak after the first pulse (Fig. 4).
 
-    With `Linearized`, it is correct for weak pulses.
+    With `Linearized`, its error vanishes for weak pulses.
 
     Parameters
     ----------
@@ -259,8 +259,8 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the fraction of the energy barrier that is left in the stabilized phase.
 
     It is smooth through the overturning threshold, where the derivative of the peak rotation
-    is infinite. Use it for searches and optimization. With `Linearized`, v_c is 0.16 % too
-    large at slenderness 5, which is unsafe.
+    is infinite. Use it for searches and optimization. With `Linearized`, the critical velocity
+    v_c is 0.16 % too large at slenderness 5, which is unsafe.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
 def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Find the first half-cycle in which the block overturns.
 
-    With `Linearized`, it may be too late, since v_c is too large.
+    With `Linearized`, it may be too late, since the critical velocity is too large.
 
     Parameters
     ----------

@@ -81,11 +81,11 @@ def critical_width(
     *,
     fixed: str = "slenderness",
 ) -> Reals:
-    """Compute the width that pulses just overturn, at this slenderness or at this height.
+    """Compute the width that pulses just overturn, at fixed slenderness or height.
 
-    The half-width of `block` does not matter. At this slenderness the height changes in
-    proportion to the width, and critical intensities grow with the square root of the size.
-    At this height they grow faster: for a slender block nearly in proportion to the width.
+    The half-width of `block` does not matter. At fixed slenderness the height changes in
+    proportion to the width, and critical intensities grow with the square root of the size. At
+    fixed height they grow faster: for a slender block nearly in proportion to the width.
     With `Linearized`, the width is too small, which is unsafe: at slenderness 5 by 0.32 %, at
     this height by about half of that.
 

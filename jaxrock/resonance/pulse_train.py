@@ -77,8 +77,9 @@ class TrainResponse(Printed, eqx.Module):
     Attributes
     ----------
     velocity_ratio : Array, shape (pulses,)
-        Launch velocity of the motion after each pulse, over the critical velocity [-]: the
-        velocity with which the block would have left the ground, and with which it lands.
+        Launch velocity over the critical velocity [-], for the motion after each pulse. A block
+        that left the ground with this velocity would move in the same way, and it lands with
+        it.
     side : Array, shape (pulses,)
         Side to which the block is rotated before each pulse, 1 or -1, 0 at rest.
     peak_rotation : Array

@@ -46,8 +46,8 @@ class RockingModel(eqx.Module):
     Notes
     -----
     The functions take x and the pulse instead of the velocity. In terms of the velocity,
-    derivatives would cancel: slenderness and width act on the velocity and on peak and
-    duration in opposite ways.
+    derivatives would lose digits in differences: slenderness and width act on the velocity and
+    on peak and duration in opposite ways.
     """
 
     name: ClassVar[str]  # in datasets and options

@@ -34,9 +34,9 @@ class WorstTrain(Printed):
     """The worst train of pulses that was found; see `worst_train`.
 
     If the status is COMPLETE, `respond_to_train` with `times`, `intensities` and the same
-    model overturns the block, or reaches `peak_rotation`. For this the intensities are raised
-    by a relative 1e-6 (3.5e-4 in float32) above those of the worst train, for "most rotation"
-    beyond `largest`, and the times are those of the raised train. All other attributes
+    model overturns the block, or reaches `peak_rotation`. For this, `intensities` are those of
+    the worst train, raised by a relative 1e-6 (3.5e-4 in float32). For "most rotation" they
+    then exceed `largest`. `times` are those of the raised train. All other attributes
     describe the train before it is raised. Do not change the intensities alone: the impacts
     of a stronger train come later, so that a pulse meant to come right after an impact would
     come before it, and slow the block.
@@ -123,7 +123,8 @@ def worst_train(
     random trains and descends by gradient steps or, with limits on the times, by sequential
     quadratic programming. Then it tries discrete changes that descent cannot make: it
     reverses a pulse, moves it to the other side of the peak, or moves it to the previous or
-    next half-cycle. The best train is verified by simulation, raised and lowered a little.
+    next half-cycle. The best train is verified by simulation, with intensities a little higher
+    and a little lower.
 
     Parameters
     ----------

@@ -126,17 +126,17 @@ def fragility(
           Both assume independent records, and take the mean of both directions of a record
           where the suite has both.
         - Over threshold: ``lognormal_median``, ``lognormal_dispersion``, and a ``remark``,
-          which says where the curve does not fit: overturning is not monotone in the level.
-          The curve is fitted to the levels at which each record begins or ceases to exceed
-          the threshold. That of uplift is exact; others are located between two levels.
+          which says where the curve does not fit, since overturning is not monotone in the
+          level. The curve is fitted to the levels at which each record begins or ceases to
+          exceed the threshold. Uplift is exact; the others are located between two levels.
         - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
         - Over record and level: every response, and the factor on the record. Over record and
           threshold: ``boundary_sums``, what the curve is fitted to.
 
         With `uncertain` the responses have the dimension ``sample`` as well, and the
         probabilities are averaged over samples and records. The intervals treat the records as
-        the independent units, each with the fraction of its samples. They cover both kinds of
-        uncertainty. Two variables over threshold split the dispersion:
+        the independent units, each with the fraction of its samples that exceed the threshold.
+        They cover both kinds of uncertainty. Two variables over threshold split the dispersion:
         ``dispersion_of_records`` is the root mean square of the dispersions of single samples,
         ``dispersion_of_parameters`` the standard deviation of the logarithms of their medians.
 

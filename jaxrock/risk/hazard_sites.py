@@ -151,7 +151,7 @@ def _choose_row(table: Table, site: tuple[float | int, float | int] | None) -> R
         )
     raise table.text.error(
         f"site must be the longitude and latitude of one of its {len(places)} curves, {listed},"
-        f" got {site[0]:g} {site[1]:g}, where there are {len(near)}"
+        f" got {site[0]:g} {site[1]:g}, which matches {len(near)} of them"
     )
 
 

@@ -75,7 +75,7 @@ def assess_inventory(
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
         ``slenderness``, ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
         ``restitution_assumed``, ``critical_angle``; ``uplift_intensity``, the median of the
-        lognormal curve of uplift; ``median`` and ``dispersion`` of the one of overturning;
+        lognormal curve of uplift; ``median`` and ``dispersion`` of the curve of overturning;
         ``rate`` of overturning with its ``standard_error`` (from record to record) and
         ``not_detected`` (see `overturning_rate`); ``required_width``, the width at this height
         from which on the rate stays below the target, inf where there is none, with
@@ -90,8 +90,9 @@ def assess_inventory(
         Over object and ``level``, with its ``return_period``, the ``probability`` of
         overturning, with its Clopper-Pearson interval ``probability_low`` to
         ``probability_high`` (95 %), which assumes independent records. Over object and
-        ``parameter`` the ``elasticity``, the change of the rate in per cent for one per cent,
-        between the rates 10 % to either side.
+        ``parameter`` there is the ``elasticity``: by how many per cent the rate changes if the
+        parameter changes by 1 %. It follows from the rates at a parameter 10 % lower and 10 %
+        higher.
 
     Raises
     ------
@@ -107,11 +108,12 @@ def assess_inventory(
     directions. An uncertain ``floor_period``
     or ``floor_damping`` counts for objects on floors.
 
-    Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters enter the
-    rate with its errors, the probabilities and the curve. The required width and the
+    Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters count in the
+    rate and its errors, in the probabilities and in the lognormal curves.
+    The required width and the
     elasticities are computed with the medians, and so is the rate with the low end of an
-    assumed restitution, 0.85 times the one that follows from size. A change of a restitution
-    ends at the latest halfway between its value and 1. Widths are examined from half the
+    assumed restitution, 0.85 times the one that follows from size. For an elasticity, a
+    restitution is raised at most halfway to 1. Widths are examined from half the
     present width to the larger of twice the present width and 1.5 times the height, at
     constant restitution. The answers for an object do not depend on the others.
 

@@ -88,10 +88,10 @@ def read_inventory(
 
         Each object has a ``name`` of its own, a ``width`` and a ``height``, which is twice
         the height of the centre of mass. It may have a ``depth``; it then rocks over the
-        shorter of the two sides of its base. An ``inertia ratio`` that is missing is 4/3, a
-        ``restitution`` that is missing Housner's, which the inventory marks as assumed. The
-        ``restitution coefficient of variation``, also ``restitution cov``, is 0 if it is
-        missing. Columns and cells other than the first three may be missing.
+        shorter of the two sides of its base. A missing ``inertia ratio`` stands for 4/3. A
+        missing ``restitution`` stands for Housner's, and the inventory marks it as assumed. A
+        missing ``restitution coefficient of variation``, also ``restitution cov``, stands for
+        0. Only name, width and height may not be missing.
 
         The column ``one-sided`` has yes, true, 1 or x for an object against a wall, such as a
         facade, and no, false, 0 or nothing for all others. Its width is its side at right
@@ -114,7 +114,7 @@ def read_inventory(
     ------
     ValueError
         With file and line, if the file cannot be read or seems to be cut, a head is not
-        understood, a value is missing, no number or out of range, a name is there twice, or an
+        understood, a value is missing, no number or out of range, a name occurs twice, or an
         object is so stocky that Housner's restitution is negative, or that a wall does not
         throw it back.
 

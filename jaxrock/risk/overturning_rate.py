@@ -168,8 +168,9 @@ def overturning_rate(
 
     Notes
     -----
-    Boundaries are located to a relative 1e-9; with uncertain parameters, so that the rate is
-    accurate to 1e-4. Above the highest level the outcome there is assumed to persist; below
+    Boundaries are located to a relative 1e-9; with uncertain parameters only so closely that
+    the rate is accurate to 1e-4.
+    Above the highest level the outcome there is assumed to persist; below
     the lowest level the contribution is zero. Derivatives with respect to the block, the
     restitution and the hazard, in both modes, are those of the detected boundaries. A
     boundary whose derivative is lost in rounding adds nothing to them (see
@@ -179,8 +180,9 @@ def overturning_rate(
     By Good-Turing, the hazard mass of windows hit by exactly one level estimates the mass of
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,
     doi:10.1093/biomet/40.3-4.237; I. J. Good and G. H. Toulmin, Biometrika 43 (1956) 45-63,
-    doi:10.1093/biomet/43.1-2.45). The bound adds two standard deviations and, by the rule of
-    three, three windows of the widest step at which an outcome changes. With uncertain
+    doi:10.1093/biomet/43.1-2.45). To this estimate the bound adds two standard deviations and,
+    by the rule of three, three windows as wide as the widest step at which an outcome changes.
+    With uncertain
     parameters it is the mean over the samples. Windows far below the first change of outcome
     are not covered. The standard error assumes independent records. Under a suite in both
     directions the mean of both counts as one record, and the bound is the mean of the bounds

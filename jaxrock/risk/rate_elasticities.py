@@ -79,8 +79,8 @@ def rate_elasticities(
     block, restitution, site, model
         As in `overturning_rate`.
     change : float
-        Relative change to either side, greater than 0 and less than 0.5. It ends at kappa =
-        1, and halfway between C and 1.
+        Relative change to either side, greater than 0 and less than 0.5. The inertia ratio is
+        lowered to 1 at most, and C is raised at most halfway to 1.
     by : {"shape", "sides", "dynamics"}
         Parameters that describe the block: half-width at this slenderness and slenderness;
         width at this height and height at this width; or critical angle and frequency

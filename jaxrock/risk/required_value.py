@@ -116,8 +116,8 @@ def required_value(
 ) -> RequiredValue:
     """Find the value of a parameter from which on the rate stays below a target.
 
-    Compute the rate on a grid between the bounds and refine the grid at every crossing of the
-    target down to `resolution`. The rate need not be monotone, so there may be several
+    The rate is computed on a grid between the bounds, and the grid is refined at every crossing
+    of the target down to `resolution`. The rate need not be monotone, so there may be several
     crossings; the outermost one on the requested side is returned.
 
     Parameters
@@ -162,8 +162,9 @@ def required_value(
 
     Under records the rate changes by a few per cent from one width to the next, as narrow
     windows appear and disappear. Between the examined values it may exceed the target by as
-    much: in a test of 150 widths above the value, under the example suite, at 4 % of them for
-    one of two blocks, by up to 1.3 %. A finer `resolution` finds such excursions.
+    much. In a test of 150 widths above the value, under the example suite, it exceeded the
+    target at 4 % of them, by up to 1.3 %, for one of two blocks.
+    A finer `resolution` finds such excursions.
 
     Derivatives with respect to the target, the block, the restitution and the hazard follow
     from the implicit function theorem and the derivatives of `overturning_rate`. They are NaN

@@ -116,7 +116,8 @@ def local_dependence(
 
     Above the weakest motion that overturns a block there are narrow ranges of scale factors
     in which it survives, and impacts make its response irregular elsewhere too. A derivative
-    is exact there, but useless for parameters that are known to 5 %. So derivatives are given
+    is exact there, but useless for parameters that are known to within 5 % only.
+    So derivatives are given
     only if the outcome does not change nearby, and if a tangent describes the answer within
     the uncertainty.
 
@@ -162,7 +163,8 @@ def local_dependence(
     medians. Second, no boundary of overturning is nearer than the largest coefficient of
     variation. Boundaries are sought along the factor on the motion, at 257 factors, up to
     four standard deviations of its logarithm to either side. Two boundaries between
-    neighbouring factors are not detected, so that a narrow range may be narrower still.
+    neighbouring factors are not detected, so that the range without a boundary may be narrower
+    than it seems.
     Third, the tangent explains 80 % of the variance of the answer over the samples that have
     an answer.
 

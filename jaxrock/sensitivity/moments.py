@@ -53,8 +53,9 @@ class MomentEstimate(Printed):
 def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     """Estimate mean and standard deviation of an answer to second order.
 
-    Samples check whether the second-order expansion describes the answer. Only their
-    difference is sampled, so that 1,024 samples suffice. With the default of 64 an estimate
+    Samples check whether the second-order expansion describes the answer. Only the difference
+    between answer and expansion is sampled, so that 1,024 samples suffice.
+    With the default of 64 an estimate
     counts as within tolerance only if the answer is nearly quadratic.
 
     Parameters
@@ -99,7 +100,8 @@ def monte_carlo(answer: Answer, at: Any, uncertain: Uncertain) -> np.ndarray:
     Parameters
     ----------
     answer, at, uncertain
-        As in `propagate`, with the same errors. A histogram needs some 4,096 samples.
+        As in `propagate`; what it refuses is refused here as well.
+        A histogram needs some 4,096 samples.
 
     Returns
     -------

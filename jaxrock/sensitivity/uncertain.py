@@ -253,7 +253,7 @@ class Uncertain(Printed, eqx.Module):
             if isinstance(values, tuple) and (len(values),) != shape:
                 raise ValueError(
                     f"{ARGUMENT} of {name} must be one number, or one for each object, got"
-                    f" {len(values)} for shape {shape} of the objects"
+                    f" {len(values)} for objects of shape {shape}"
                 )
         independent = draw_normal_numbers(len(self.names), self.samples, self.seed)
         normal = self.correlate(independent)

@@ -75,8 +75,8 @@ def resonance_spectrum(
     Parameters
     ----------
     slenderness, width, restitution, intensity : array_like
-        lambda [-], full width 2b [m], C [-] and I [m/s], numbers or one-dimensional; only an
-        array of intensities adds a dimension.
+        lambda [-], full width 2b [m], C [-] and I [m/s], numbers or one-dimensional. The first
+        three always are dimensions of the dataset, the intensity only if it is an array.
     model : Linearized or Nonlinear, their names, or "auto"
         "auto" takes at each point the cheapest model within `tolerance`; the variable model
         names it.

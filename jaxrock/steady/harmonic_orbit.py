@@ -54,7 +54,7 @@ class HarmonicOrbit(Printed, eqx.Module):
         Phase of the floor's sine [rad], between 0 and pi, at an impact after which the
         rotation is positive.
     peak_rotation, rotation_ratio : Array
-        Largest rotation [rad], and over the critical angle.
+        Largest rotation [rad], and its ratio to the critical angle [-].
     multipliers : Array of complex, shape (..., 2)
         Eigenvalues of the derivative of the map from one launch to the next, half a period
         later: the factors by which perturbations shrink. The one of larger modulus is first.
@@ -105,8 +105,8 @@ def harmonic_orbit(
 ) -> HarmonicOrbit:
     """Compute symmetric steady rocking on a floor that accelerates as an endless sine.
 
-    The block hits the ground once in each half period, alternately on both sides. If there
-    are two such motions, it is the one with the faster launch; the other one is never stable.
+    The block hits the ground once in each half period, alternately on both sides. If there are
+    two such motions, the one with the faster launch is returned; the other one is never stable.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ class PulsedPhase(Printed, eqx.Module):
         T*, the duration of two half-cycles, or of one for a one-sided block [s]; NaN where
         the motion settles.
     peak_rotation, rotation_ratio : Array
-        alpha*_max [rad], and over the critical angle.
+        alpha*_max [rad], and its ratio to the critical angle [-].
     stands : Array of bool
         Whether there is a stabilized phase; rest counts as one if the block settles.
     from_rest : Array of bool
@@ -101,8 +101,9 @@ def pulsed_phase(
     """Find the stabilized phase under pulses of finite duration.
 
     The phase is the fixed point of `pulsed_next_velocity` that a block at rest reaches under
-    successive pulses. If that motion dies out or never begins, it is the largest stable fixed
-    point, which needs a block in motion. If there is none either, it is rest. As the duration
+    successive pulses. If that motion dies out or never begins, the phase is the largest stable
+    fixed point, which only a block that already moves can reach. If there is none either, the
+    phase is rest. As the duration
     of the pulse goes to 0 at constant intensity, the phase tends to that of `Nonlinear`; the
     difference is proportional to the duration.
 

@@ -46,7 +46,7 @@ _NEAR = 1e-3
 
 
 class PulsedThreshold(Printed, eqx.Module):
-    """Pulses of finite duration, each after an impact, that just overturn a block; else NaN.
+    """Pulses of finite duration, each after an impact, that just overturn a block; NaN if none.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ def critical_pulsed_amplitude(
     -------
     PulsedThreshold
         For a finite number of pulses, the lowest amplitude that overturns the block, searched
-        upwards from uplift in steps of a fifth. For an endless sequence, the lowest amplitude
+        upwards from uplift in steps of 20 %. For an endless sequence, the lowest amplitude
         at which a fixed point reaches the threshold; NaN if the `rate` of the map there is
         not between -1 and 1. A rate above 1, as under long pulses, means that the stable
         fixed point has met an unstable one at a lower amplitude, and both have disappeared. A

@@ -82,8 +82,9 @@ def fit_outcomes(
 
     Notes
     -----
-    Outcomes alone leave a ridge in the posterior: blocks that are more slender, larger and
-    lose more energy behave much the same. `OutcomeFit.undecided` names the medians that the
+    Outcomes alone leave a ridge in the posterior: a block that is more slender, is larger and
+    loses more energy behaves much like one that is stockier, is smaller and loses less.
+    `OutcomeFit.undecided` names the medians that the
     tests do not determine.
 
     The sample is simulated in single precision.

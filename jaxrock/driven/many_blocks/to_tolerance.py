@@ -83,8 +83,9 @@ class EstimatedResponse(Printed, eqx.Module):
     response : BatchResponse
         The responses, each computed at its own `rtol`.
     rtol : Array
-        Tolerance `rtol` of `respond_batch` for each block: one level tighter than requested,
-        or the tightest level where that was needed.
+        Tolerance `rtol` of `respond_batch` for each block, one of a few levels (1e-3, 1e-5, ...
+        1e-13; 1e-2 to 1e-5 in float32): one level tighter than requested, or the tightest level
+        where that was needed.
     error : Array
         Estimated bound on the relative error of the peak rotation: three times the difference
         from a less accurate simulation, and at least four times `rtol`. If there are two such

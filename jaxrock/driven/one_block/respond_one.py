@@ -90,8 +90,8 @@ def respond(
     of a second derivative takes two to three times as long as the first call of a first
     derivative.
 
-    Where two events coincide, results may have a kink: the start of the input, its end, a
-    sample of a record, an impact, and the end of the duration. The derivative is then
+    Results may have a kink where two of these events coincide: the start of the input, its end,
+    a sample of a record, an impact, and the end of the duration. The derivative is then
     one-sided:
 
     1. If the end of the duration coincides with another event, it is the derivative for a
@@ -107,7 +107,7 @@ def respond(
 
     Values that do not exist are NaN, and diffrax keeps traced values. So outside of
     transformations `respond` switches `jax.debug_nans` and `jax.checking_leaks` off while it
-    computes. Around `jit` you must switch them off.
+    computes. If you call it under `jit`, switch them off yourself.
 
     Examples
     --------

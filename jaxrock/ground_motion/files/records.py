@@ -42,8 +42,9 @@ def read_record(
     miniSEED and SAC. The number of samples, the duration and the peak that such a file states
     must agree with its samples. Velocities and displacements in it are ignored.
 
-    The unit and the time step that a file states are used: in its header, in titles and
-    comments such as ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc
+    The unit and the time step are taken from the file where it states them: in its header, in
+    titles and comments such as
+    ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc
     [cm/s^2]``. These statements must agree with each other and with `unit` and `time_step`,
     which are needed where the file states nothing. A statement that is not understood is an
     error, and so is a column of another quantity, such as ``LVDT1 [mm]`` or spectral
@@ -60,7 +61,7 @@ def read_record(
     column : str, optional
         Column of a .csv file, or channel of another file, with the horizontal acceleration.
         Needed unless it is the only one. ``"up"`` or ``"down"`` takes a vertical component as
-        if it were horizontal, for example to turn its sign.
+        if it were horizontal, for example to reverse its sign.
     vertical : str or path, optional
         Vertical acceleration, positive upward: a column of the .csv file, a channel of
         another file or ``"up"`` for the one that points there, or a second file. A component
