@@ -305,7 +305,7 @@ def test_inertia_ratio_reaches_the_answers(capsys, tmp_path):
     for command in ("assess", "spectrum", "rocking-spectrum"):
         code, _, err = run(capsys, command, "--inertia-ratio", 0.9)
         assert code == 2
-        assert "inertia_ratio must be finite and at least 1, got 0.9" in err
+        assert "--inertia-ratio must be finite and at least 1, got 0.9" in err
 
 
 def test_a_folder_that_cannot_be_written(capsys, tmp_path):

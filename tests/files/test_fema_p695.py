@@ -113,8 +113,8 @@ def test_the_commands_take_the_sets_by_name(capsys, tmp_path):
     main([*words, "--records", "fema-far-field"])
     assert json.loads(capsys.readouterr().out)["records"] == 44
     for more, said in (
-        (["--with-vertical"], 'records "fema-far-field" have no vertical component'),
-        (["--unit", "g"], 'records "fema-far-field" have their unit and time step'),
+        (["--with-vertical"], "--records fema-far-field has no vertical component"),
+        (["--unit", "g"], "--records fema-far-field has its unit and time step"),
     ):
         with pytest.raises(SystemExit):
             main([*words, "--records", "fema-far-field", *more])
