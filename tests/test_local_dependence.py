@@ -125,7 +125,7 @@ def test_a_block_that_overturns():
         "the block overturns for all scale factors from 0.819 to 1.22; there the rotation ratio"
         " does not exist, nor do its derivatives"
     )
-    assert str(ratio).startswith("rotation ratio: none, the block overturns; no mean")
+    assert str(ratio).startswith("rotation ratio: no value, the block overturns; no mean")
 
 
 def test_a_block_that_never_lifts():

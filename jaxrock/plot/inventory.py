@@ -118,8 +118,8 @@ def _draw_objects(
     else:
         ax.legend(**look)
     records = shown.attrs.get("record_source", f"{shown.attrs['record_count']} records")
-    label = textwrap.wrap(f"under {records}", _LETTERS)
-    return label_axes(ax, "\n".join(["rate of overturning [1/yr]", *label]), "", grid="x")
+    words = textwrap.fill(f"rate of overturning under {records}", _LETTERS)
+    return label_axes(ax, f"{words} [1/yr]", "", grid="x")
 
 
 def _compute_half_widths(shown: xarray.Dataset) -> np.ndarray:
