@@ -151,7 +151,7 @@ def calls(spectrum, response, boundaries, bars, curves, probabilities):
             4,
         ),
         plot_inventory: (lambda ax: plot_inventory(museum(), ax), 0),  # outside of the axes
-        plot_fragility: (lambda ax: plot_fragility(curves, ax), 4),
+        plot_fragility: (lambda ax: plot_fragility(curves, ax), 3),
         plot_harmonic: (lambda ax: plot_harmonic(floor, ax), 6),
         plot_outcome_probabilities: (
             lambda ax: plot_outcome_probabilities(probabilities, ax),
