@@ -331,6 +331,7 @@ def lifted_by(suite):
 
 
 @pytest.mark.thorough
+@pytest.mark.float64
 def test_fragility_of_pulses_is_a_staircase(eps):
     suite = pulses(200)
     levels = np.array([0.3, 0.8, 1.2, 1.5, 1.72, 2.0, 2.5])
@@ -366,6 +367,7 @@ def test_fragility_of_pulses_is_a_staircase(eps):
     np.testing.assert_allclose(curves.factor, suite.factors(levels, "pgv"), rtol=4 * eps)
 
 
+@pytest.mark.float64
 def test_medians_of_located_boundaries():
     """As bisected with `respond`; uplift exact; an inventory has the same."""
     suite = pulses(50)[:2]

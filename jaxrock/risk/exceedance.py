@@ -107,7 +107,11 @@ def add_curves(
     ratios = xarray.DataArray(limits, dims="threshold")
     exceeded = (responses.rotation_ratio > ratios) | (responses.overturned > 0)
     counts = exceeded.sum("record")
-    sums = responses.boundary_sums.sum("record")
+    sums = responses.boundary_sums
+    if responses.chunks:
+        # Summed at once, or the chunks would decide the last bit.
+        sums = sums.chunk({"record": -1})
+    sums = sums.sum("record")
     if directions > 1:
         counts = counts / directions
         sums = sums / directions
