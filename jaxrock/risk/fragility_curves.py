@@ -313,6 +313,7 @@ def _gather_input(
         shape = (len(suite), *block.half_width.shape)
         intensities = np.broadcast_to(strengths[..., None], shape).reshape(len(suite), -1)
         uplift = find_uplift_levels(flat, motions, intensities, model).reshape(shape)
+        uplift = uplift.astype(dtype)  # as all other answers, however they are computed
     return _SimulationInput(
         Batch.of(block, restitution, motions),
         strengths,
