@@ -106,7 +106,7 @@ def housner_restitution(block: Block) -> Reals:
 
     It is an upper bound for a block that touches a hard floor at its edges only: on concrete
     0.95 to 0.97 of it were measured, on rubber 0.67 (doi:10.1201/9781003060888-45). Blocks
-    that touch the floor inside of their edges lose less energy. More measurements stand on the
+    that touch the floor inside of their edges lose less. More measurements stand on the
     page "Which restitution?" of the documentation.
 
     Parameters

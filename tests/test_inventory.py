@@ -25,6 +25,7 @@ from jaxrock.risk import (
     describe_years,
     read_inventory,
 )
+from jaxrock.risk.inventory_dataset import describe_need
 
 pytestmark = pytest.mark.float64
 
@@ -518,10 +519,12 @@ def test_picture(assessed):
         assert low < min(float(shown.rate.min()), TARGET)
         assert high > max(float(shown.rate.max()), TARGET)
         plt.close(ax.figure)
-    # A rate of 0 stands at the edge; without a width that suffices the words say so.
+    # A rate of 0 stands at the edge; the words of the dataset stand beside it.
     never = assessed.isel(object=[0, 1]).copy(deep=True)
     never["rate"][1] = 0.0
     never["required_width"][0] = np.inf
+    needs = [describe_need(never.isel(object=k)) for k in range(2)]
+    never["need"] = "object", needs
     ax = plot_inventory(never, plt.subplots()[1])
     beside = [t.get_text() for axes in ax.child_axes for t in axes.get_yticklabels()]
     assert [words.partition("; ")[2] for words in beside if ";" in words] == [

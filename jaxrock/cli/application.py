@@ -113,8 +113,8 @@ def _compute_answer(words: Sequence[str]) -> Answer | None:
     except FileNotFoundError:
         # JAX asks for it, and its error does not say why.
         raise ValueError("the current folder is gone; change to one that exists") from None
-    if "" in words:
-        raise ValueError(f"{words[words.index('') - 1]} must have a value, got ''")
+    if "" in words[1:]:
+        raise ValueError(f"{words[words.index('', 1) - 1]} must have a value, got ''")
     application = make_application()
     try:
         command, given, _ = application.parse_args(
@@ -126,8 +126,6 @@ def _compute_answer(words: Sequence[str]) -> Answer | None:
         with keep_compiled():
             answer = command(*given.args, **given.kwargs)
     except ValueError as error:
-        if words[0] not in application:  # help and the version
-            raise
         raise ValueError(name_options(str(error), application[words[0]])) from error
     # Help and the version are functions of cyclopts, which print when they are called.
     return answer if isinstance(answer, Answer) else None

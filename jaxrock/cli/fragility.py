@@ -106,8 +106,6 @@ def fragility(
         with naming_arguments(coefficients_of_variation="--uncertain"):
             uncertainty.draw(block, c, on_floor=suite.floor is not None)
     about = describe_options("fragility", options)
-    if block_options.restitution is None:
-        about["restitution_assumed"] = block_options.restitution_text
     compute = functools.partial(
         risk.fragility,
         block,
@@ -202,7 +200,7 @@ def _describe_curves(
         f"{suite}, {levels.size} levels of {measure}, {levels[0]:.4g} to"
         f" {levels[-1]:.4g}{unit and f' {unit}'}",
         format_table(
-            f"level of {measure} at which half of the records make the block ...",
+            f"lognormal curves of the level of {measure} from which on the block would ...",
             descriptions,
             **{f"median{unit and f' [{unit}]'}": median},
             dispersion=dispersion,

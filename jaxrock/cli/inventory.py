@@ -290,11 +290,10 @@ def _write_table(assessed: "xarray.Dataset") -> str:
     )
     table = format_table(title, [name[:19] for name in names], **columns)
     # The last column is as wide as its words.
-    first, heads, *rows = table.splitlines()
     years = [f"  {describe_years(answer)}" for answer in answers]
     ends = ["", "  once in [yr]", *years]
-    lines = [first, heads, *rows]
-    return "\n".join(line + end for line, end in zip(lines, ends, strict=True))
+    lines = zip(table.splitlines(), ends, strict=True)
+    return "\n".join(line + end for line, end in lines)
 
 
 def _list_restitutions(answers: Sequence["xarray.Dataset"]) -> list[object]:

@@ -269,7 +269,7 @@ def make_block(
     *,
     one_sided: bool = False,
 ) -> Block:
-    """Make a block of the full width of its base, and of either its height or its slenderness."""
+    """Make a block of the full width of its base, and of its height or its slenderness."""
     check("width", width, POSITIVE)
     if height is not None:
         if slenderness is not None:

@@ -182,7 +182,10 @@ def _describe_leftovers(
     """Describe words that belong to no option."""
     given = " ".join(leftovers)
     names = {argument.name: argument for argument in arguments}
-    before = words[: words.index(leftovers[0])]
+    # The same word may also stand behind an option, as its value.
+    places = [k for k, word in enumerate(words) if word == leftovers[0]]
+    free = [k for k in places if words[k - 1] not in names]
+    before = words[: (free or places)[0]]
     last = next((word for word in reversed(before) if word in names), None)
     if last is not None:
         # Behind an option whose values have been read.
@@ -190,7 +193,8 @@ def _describe_leftovers(
         return (
             f"{last} takes {'no value' if takes_none else 'one value'}, got {given} behind it"
         )
-    options = [name for name in _SIZES if name in names]
+    typed_names = {word.partition("=")[0] for word in words}
+    options = [name for name in _SIZES if name in names and name not in typed_names]
     example = "a value stands behind the name of its option"
     if any(_is_positional(argument) for argument in arguments):
         options = ["--hazard"] if "--hazard" in names else []

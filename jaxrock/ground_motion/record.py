@@ -86,6 +86,7 @@ class Record(Motion):
 
     name = "record"
     _reader = "read_record"
+    _sample_maker = Motion._sample_maker
 
     def __init__(
         self,

@@ -14,7 +14,6 @@ from .printing import format_derivatives as format_derivatives
 from .printing import format_fields as format_fields
 from .printing import format_number as format_number
 from .printing import format_table as format_table
-from .progress import Work as Work
 from .progress import announce as announce
 from .progress import count_work as count_work
 from .progress import hide_progress as hide_progress

@@ -23,7 +23,7 @@ from .axes import (
 )
 
 _COLOURS = (INK, ACCENT, LIGHT, NEUTRAL)
-_TITLE_LENGTH = 76  # letters of a line
+_TITLE_LENGTH = 58  # letters of a line
 _SAME_MEDIAN = 0.02  # relative difference of medians of curves that are drawn once
 _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 
@@ -67,7 +67,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         colour = _COLOURS[k % len(_COLOURS)]
         look = CURVES[k % len(CURVES)]
         *same, name = (_name_threshold(dataset.threshold.values[j]) for j in group)
-        name += "".join(f"\n({other}: the same but for one record)" for other in same)
+        name += "".join(f"\n({other}:\nthe same but for one record)" for other in same)
         middle, low, high = (
             curves[variable].values
             for variable in ("exceedance", "exceedance_low", "exceedance_high")
@@ -139,9 +139,9 @@ def _group_thresholds(dataset: xarray.Dataset) -> list[list[int]]:
     exceedance = dataset.exceedance.transpose("threshold", "level").values
     groups: list[list[int]] = []
     for k, probabilities in enumerate(exceedance):
-        last = groups[-1][-1] if groups else 0
-        is_near = (abs(exceedance[last] - probabilities) <= 1.001 * record).all()
-        if groups and is_near and abs(median[last] - median[k]) < _SAME_MEDIAN:
+        first = groups[-1][0] if groups else 0
+        is_near = (abs(exceedance[first] - probabilities) <= 1.001 * record).all()
+        if groups and is_near and abs(median[first] - median[k]) < _SAME_MEDIAN:
             groups[-1].append(k)
         else:
             groups.append([k])

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
-from ..risk import describe_need
 from .axes import ACCENT, INK, LINE, QUANTILE, check_dataset, label_axes
 
 _MOST = 60  # objects that one picture has at most; more would not be read
@@ -137,7 +136,7 @@ def _describe_size(assessed: xarray.Dataset) -> str:
         size += ", at a wall"
     if "floor_period" in assessed and float(assessed.floor_period):
         size += f", floor {float(assessed.floor_period):.3g} s"
-    return f"{size}; {describe_need(assessed)}"
+    return f"{size}; {assessed.need.values}"
 
 
 def _choose_ends(shown: xarray.Dataset) -> tuple[float, float]:

@@ -5,7 +5,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ..ground_motion import MEASURES
-from ..risk import describe_need, round_width_up
+from ..risk import round_width_up
 
 if TYPE_CHECKING:
     import xarray
@@ -179,7 +179,7 @@ def name_theory(assessed: "xarray.Dataset") -> str:
 
 def _describe_need_and_width(assessed: "xarray.Dataset") -> str:
     """Describe what the target needs, and the width that does where the present one does."""
-    need = html.escape(describe_need(assessed))
+    need = html.escape(str(assessed.need.values))
     if need != "suffices":
         return need
     bound = "&le; " if bool(assessed.required_width_is_bound) else ""

@@ -49,7 +49,7 @@ _NUMBER_WITH_UNIT = re.compile(
     r"(?<=\d) (?=(?:m/s2?|cm|m|s|1/yr|per year|years?|%)(?!\w))|(?<=\bC) (?==)|(?<=C =) (?=\d)"
 )
 _FIRST = 5  # objects that the first sentence names
-_COUNTS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five"}
+_COUNTS = {2: "two", 3: "three", 4: "four", 5: "five"}
 
 
 def write_inventory_page(
@@ -136,8 +136,9 @@ def _write_first_sentence(dataset: "xarray.Dataset") -> str:
     if not names:
         every = "it overturns" if dataset.object.size == 1 else "all objects overturn"
         return f"Nothing needs to be done: {every} at most once in {years} years."
-    can_widen = bool((above.required_width.values[:_FIRST] < math.inf).any())
-    verb = "Fix or widen" if can_widen else "Fix"
+    required = above.required_width.values[:_FIRST]
+    widened = (required > above.width.values[:_FIRST]) & (required < math.inf)
+    verb = "Fix or widen" if widened.any() else "Fix"
     first = names[:_FIRST]
     listed = " and ".join(filter(None, [", ".join(first[:-1]), first[-1]]))
     more = len(names) - len(first)
@@ -159,8 +160,7 @@ def _write_actions(dataset: "xarray.Dataset") -> str:
     for k in range(dataset.object.size):
         answer = dataset.isel(object=k)
         kind = "above" if float(answer.rate) > dataset.attrs["target"] else "below"
-        years = describe_years(answer)
-        years = re.sub(r"^([\d.,]+(?: to [\d.,]+)?)", r"\1 years", years)
+        years = describe_years(answer, " years")
         lines.append(
             f'<tr class="{kind}"><td>{int(answer["rank"])}</td>'
             f'<td class="name">{html.escape(str(answer.object.values))}</td>'
@@ -175,8 +175,8 @@ def _write_actions(dataset: "xarray.Dataset") -> str:
     )
     if "rate_at_low_restitution" in dataset:
         lines.append(
-            "Two numbers of years: nobody has measured how much of its velocity this object"
-            " keeps at an impact, its restitution C. One is for the C of theory, mostly the"
+            "Where two numbers of years stand, nobody has measured how much of its velocity the"
+            " object keeps at an impact, its restitution C. One is for the C of theory, mostly the"
             " smaller number, the other for a low C."
         )
     return "\n".join([*lines, "</p>"])

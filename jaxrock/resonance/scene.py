@@ -51,12 +51,11 @@ class Scene(Printed, Checked):
 
     def __new__(cls, *numbers: object, **named: object) -> "Scene":
         """Warn of a restitution and an intensity that are likely exchanged."""
-        if len(numbers) == 3:
-            restitution, intensity = numbers[1:]
-            if not isinstance(restitution, float) or not isinstance(intensity, float):
-                return super().__new__(cls)
+        match numbers:
             # Restitutions are hardly below 0.3, nor intensities at once in their usual range.
-            if 0 < restitution < 0.3 and 0.5 < intensity <= 1:
+            case (_, float(restitution), float(intensity)) if (
+                0 < restitution < 0.3 and 0.5 < intensity <= 1
+            ):
                 warnings.warn(
                     f"restitution is {restitution:g} and intensity {intensity:g} m/s:"
                     " Scene(block, restitution, intensity) takes them in this order, or by"

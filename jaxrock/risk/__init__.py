@@ -9,7 +9,6 @@ from .hazard import Hazard
 from .hazard_files import read_hazard
 from .inventory import Inventory
 from .inventory_assessment import assess_inventory
-from .inventory_dataset import describe_need as describe_need
 from .inventory_dataset import describe_required_width as describe_required_width
 from .inventory_dataset import describe_years as describe_years
 from .inventory_dataset import round_width_up as round_width_up

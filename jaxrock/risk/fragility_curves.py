@@ -360,7 +360,7 @@ def _simulate_scaled_records(
         """Return which thresholds are exceeded at levels between those of the dataset."""
         batch, _ = _scale_batch(parameters, places, cases, between)
         response = follow_batch(batch, model)
-        require_complete(response.complete, level=between.reshape(-1))
+        require_complete(np.ravel(response.complete), level=np.ravel(between))
         between_ratio = np.asarray(response.peak_rotation) / angles[cases[:, 0]]
         return _exceed(between_ratio, response, limits)
 

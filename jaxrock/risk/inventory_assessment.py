@@ -105,17 +105,16 @@ def assess_inventory(
     An object on a floor is assessed under ``site.suite.on_floor(period, damping)``, with steps
     of at most 1/30 of the period: a floor of one mode with participation 1. Levels and the
     hazard are those of the ground. A one-sided object is assessed under the suite in both
-    directions. An uncertain ``floor_period``
-    or ``floor_damping`` counts for objects on floors.
+    directions. An uncertain ``floor_period`` or ``floor_damping`` counts for objects on floors.
 
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters count in the
-    rate and its errors, in the probabilities and in the lognormal curves.
-    The required width and the
-    elasticities are computed with the medians, and so is the rate with the low end of an
-    assumed restitution, 0.85 times the one that follows from size. For an elasticity, a
-    restitution is raised at most halfway to 1. Widths are examined from half the
-    present width to the larger of twice the present width and 1.5 times the height, at
-    constant restitution. The answers for an object do not depend on the others.
+    rate and its errors, in the probabilities and in the lognormal curve of overturning. The
+    uplift intensity, the required width and the elasticities are computed with the medians,
+    and so is the rate with the low end of an assumed restitution, 0.85 times the one that
+    follows from size. For an elasticity, a restitution is raised at most halfway to 1. Widths
+    are examined from half the present width to the larger of twice the present width and 1.5
+    times the height, at constant restitution. The answers for an object do not depend on the
+    others.
 
     Examples
     --------

@@ -166,7 +166,7 @@ def describe_required_width(answer: "xarray.Dataset") -> str:
     return f"{'<= ' if bool(answer.required_width_is_bound) else ''}{required:.6g}"
 
 
-def describe_years(answer: "xarray.Dataset") -> str:
+def describe_years(answer: "xarray.Dataset", unit: str = "") -> str:
     """Describe in how many years one object overturns once: "1,500", "1,100 to 2,000".
 
     There are two numbers where its restitution is assumed: those with the assumed one and with
@@ -182,8 +182,8 @@ def describe_years(answer: "xarray.Dataset") -> str:
     if not years:
         return "never under these records"
     if len(years) < len(rates):
-        return f"{years[0]} or more"
-    return " to ".join(dict.fromkeys(years))
+        return f"{years[0]}{unit} or more"
+    return " to ".join(dict.fromkeys(years)) + unit
 
 
 def _round_years(years: float, target: float) -> str:

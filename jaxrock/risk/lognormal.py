@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Dispersions below this, and dispersions over the width of the levels above the other, are
-# none: levels that differ by rounding, and a probability that does not increase.
+# A dispersion below the first is 0: the levels differ by rounding. One that grows beyond the
+# second, times that at the start of the search, means a probability that does not increase.
 _LEAST_DISPERSION = 1e-6
 _LARGEST_DISPERSION = 1e4
 

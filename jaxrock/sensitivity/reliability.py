@@ -20,7 +20,7 @@ class ReliabilityResult(Printed):
     ----------
     probability, first_order_probability : float
         With the limit state approximated by a paraboloid (SORM), and by a plane (FORM), at
-        its most likely point.
+        its most probable point.
     reliability_index : float
         beta, the distance of that point from the medians in standard deviations; negative if
         the margin is negative at the medians.

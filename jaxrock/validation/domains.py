@@ -270,7 +270,7 @@ def _find_way_out(value: object, kinds: Sequence[type]) -> str:
         if element is not None and parts and all(isinstance(part, element) for part in parts):
             content = "..." if is_list else element.__name__.lower()
             return f"; {kind.__name__}([{content}]) makes one"
-        if hasattr(kind, "_sample_maker") and isinstance(value, np.ndarray | jax.Array):
+        if "_sample_maker" in vars(kind) and isinstance(value, np.ndarray | jax.Array):
             return f"; {kind._sample_maker} makes one"
         if hasattr(kind, "_maker"):
             return f"; {kind._maker} makes one"

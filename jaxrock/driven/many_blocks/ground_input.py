@@ -79,7 +79,7 @@ class GroundInput(eqx.Module):
         """Compute the rate of the phase in time, for intervals of a length."""
 
     def find_fastest(self, natural: Reals, rate: Reals) -> Reals:
-        """Choose the rate that times are measured by, the rate of the block or of the phase."""
+        """Choose the rate by which times are measured, of the block or of the phase."""
         del rate
         return natural
 
