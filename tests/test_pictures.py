@@ -119,7 +119,8 @@ def test_probabilities_stand_at_their_levels_and_intervals_are_bands():
     names = [text.get_text() for text in ax.get_legend().get_texts()]
     # Thresholds with the same probabilities are drawn once, and the legend names them.
     assert len(marks) == len(names) < curves.threshold.size
-    assert sum(name.count("\n") for name in names) == curves.threshold.size - len(names)
+    named = sum(name.count("the same within one record") for name in names)
+    assert named == curves.threshold.size - len(names)
     curve = curves.isel(threshold=-1)
     np.testing.assert_allclose(marks[-1].get_xdata(), levels)
     np.testing.assert_array_equal(marks[-1].get_ydata(), curve.exceedance)

@@ -67,7 +67,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         colour = _COLOURS[k % len(_COLOURS)]
         look = CURVES[k % len(CURVES)]
         *same, name = (_name_threshold(dataset.threshold.values[j]) for j in group)
-        name += "".join(f"\n({other}:\nthe same but for one record)" for other in same)
+        name += "".join(f"\n({other}:\nthe same within one record)" for other in same)
         middle, low, high = (
             curves[variable].values
             for variable in ("exceedance", "exceedance_low", "exceedance_high")
