@@ -15,14 +15,14 @@ from .lognormal import sum_powers
 
 # Relative width of the interval in which a boundary is located, times the root of the number
 # of samples, over which errors cancel. Over 20 records, the median of a curve is then known
-# to 2e-4.
-_WIDTH = 3e-3
+# to 3e-4, and two rounds do for the levels that are chosen by default.
+_WIDTH = 4e-3
 # Parts into which an interval is divided at once, powers of 2. Without samples boundaries are
 # few, and a batch takes as long for a few blocks as for some hundreds.
 _PARTS = 8
 _PARTS_WITH_SAMPLES = 2
-# Blocks whose uplift is computed at once: of one size, so that one program does for any
-# number of blocks.
+# Blocks whose uplift is computed at once, so that one program does for any number of blocks.
+# A single block, the usual case, has a program of its own.
 _TOGETHER = 32
 
 
@@ -63,7 +63,7 @@ def sum_boundaries(
         keys = np.stack([cases[wide], low[wide], high[wide]], axis=1)
         _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         row = wide[first]
-        points = np.linspace(low[row], high[row], parts + 1, axis=-1)
+        points = np.geomspace(low[row], high[row], parts + 1, axis=-1)
         outcomes = evaluate(cases[row, None], points[:, 1:-1])
         # Bisection, as `locate_crossings` does it: of several boundaries both find the same.
         of_crossing = which.reshape(-1)
@@ -126,10 +126,11 @@ def find_uplift_levels(
 def _find_uplift_factors(block: Block, record: Record, model: RockingModel) -> np.ndarray:
     """Find the factor on a record from which on it lifts each of some blocks."""
     number = len(np.asarray(block.half_width))
+    together = 1 if number == 1 else _TOGETHER
     groups = []
-    for start in range(0, number, _TOGETHER):
+    for start in range(0, number, together):
         # The last group is filled up with the last block.
-        places = np.minimum(np.arange(start, start + _TOGETHER), number - 1)
+        places = np.minimum(np.arange(start, start + together), number - 1)
         group = _select_blocks(block, places)
         groups.append(np.asarray(uplift_factor(group, record, model=model)))
     return np.concatenate(groups)[:number]
