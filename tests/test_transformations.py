@@ -6,6 +6,7 @@ method, over time, of a count.
 """
 
 import functools
+import inspect
 import re
 from pathlib import Path
 
@@ -157,6 +158,7 @@ def test_what_does_not_exist_has_no_derivative(name):
 PULSE = jr.HalfSine(4.0, 0.4)
 RECORD = jr.Record([0.0, 1.0, -1.0, 0.0], 0.1)
 SUITE = jr.Suite([RECORD])
+SITE = jr.Site(SUITE, jr.Hazard([0.1, 1.0], [1e-2, 1e-4]))
 PAGE = Path(__file__).parent.parent / "docs" / "reference" / "index.md"
 
 
@@ -206,11 +208,36 @@ CALLED_WITH = {
     "rocking_spectrum": lambda c: jr.rocking_spectrum(RECORD, [2.0], [5.0], c),
     "harmonic_spectrum": lambda c: jr.harmonic_spectrum([3.0], [1.0], restitution=c),
     "fragility": lambda c: jr.fragility(BLOCK, c, SUITE),
+    "overturning_map": lambda c: jr.overturning_map(jr.HalfSine, [2.0], restitution=c),
+    "overturning_spectrum": lambda c: jr.overturning_spectrum(
+        jr.HalfSine, [2.0], [4.0], restitution=c
+    ),
+    "model_error": lambda c: jr.model_error(scene_of(c)).linearization.rotation_ratio,
+    "Hazard": lambda level: SITE.hazard(level),
+    "overturning_rate": lambda c: jr.overturning_rate(BLOCK, c, SITE).rate,
+    "required_value": lambda c: jr.required_value(BLOCK, c, SITE, 1e-3),
+    "fit_free_rocking": lambda time: jr.fit_free_rocking(time * jnp.arange(1.0, 4.0), BLOCK),
+    "fit_driven_rocking": lambda time: jr.fit_driven_rocking(
+        time * jnp.arange(4.0), jnp.zeros(4), BLOCK, PULSE
+    ),
+    "fit_outcomes": lambda factor: jr.fit_outcomes(SUITE.scaled(factor), [True]),
 }
 ROWS = re.findall(r"^\| (`.+) \| (\w+) \| (\w+) \| (\w+) \|$", PAGE.read_text(), re.MULTILINE)
 STATED = {name: marks for names, *marks in ROWS for name in re.findall(r"`(\w+)`", names)}
 # Tracing the loops of these takes seconds.
-SLOW = ("pulsed_phase", "critical_pulsed_amplitude", "respond", "critical_duration")
+SLOW = (
+    "pulsed_phase",
+    "critical_pulsed_amplitude",
+    "respond",
+    "critical_duration",
+    "overturning_rate",
+)
+
+
+def test_the_page_states_all_functions():
+    files = ("read_", "write_", "example_")
+    functions = [n for n in dir(jr) if inspect.isroutine(getattr(jr, n))]
+    assert [n for n in functions if n not in STATED and not n.startswith(files)] == []
 
 
 @pytest.mark.float64

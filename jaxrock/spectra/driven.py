@@ -48,6 +48,7 @@ from ..validation import (
     as_real,
     carries_unit,
     check,
+    check_concrete,
     check_kind,
     convert_to_si,
 )
@@ -266,9 +267,8 @@ def overturning_spectrum(
     given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
     axes = {name: as_axis(name, values) for name, values in given.items()}
     kind = check_pulse_class(shape)
-    block, c, uplift = make_unit_block(
-        slenderness, restitution, inertia_ratio, one_sided, model
-    )
+    shared, uplift = make_unit_block(slenderness, restitution, inertia_ratio, one_sided, model)
+    block, _ = shared
     scales = (uplift, float(block.frequency_parameter))
     about: dict[str, str | float] = {
         "motion": kind.name,
@@ -278,7 +278,6 @@ def overturning_spectrum(
     if one_sided:
         about["one_sided"] = 1
     problem = functools.partial(_make_pulses, kind, *scales)
-    shared = (block, as_real("restitution", c, unit=""))
     return _make_response_grid(
         "Overturning spectrum", axes, problem, shared, model, tolerance, about
     ).build_dataset(chunks)
@@ -302,19 +301,17 @@ def make_unit_block(
     inertia_ratio: float,
     one_sided: bool,
     model: ModelLike,
-) -> tuple[Block, float, float]:
-    """Make a block of some size, its restitution, and the acceleration that just lifts it.
+) -> tuple[tuple[Block, Reals], float]:
+    """Make a block of some size and its restitution, and the acceleration that just lifts it.
 
     Ratios to the scales of the block do not depend on its size, so that any size serves.
     """
+    check_concrete((slenderness, restitution, inertia_ratio), "a spectrum is a dataset")
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio, one_sided=one_sided)
     c = float(estimate_restitution(block)) if restitution is None else restitution
     read_restitution(block, c)  # raises for what is not allowed
-    return (
-        block,
-        abs(c) if one_sided else c,
-        float(uplift_acceleration(block, as_model(model))),
-    )
+    magnitude = as_real("restitution", abs(c) if one_sided else c, unit="")
+    return (block, magnitude), float(uplift_acceleration(block, as_model(model)))
 
 
 def _make_response_grid(

@@ -14,7 +14,7 @@ from ..grids import DataType, Grid, GridVariable, Values, as_axis
 from ..ground_motion import Pulse, check_pulse_class
 from ..overturning import check_range, search_amplitudes_alone
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import Reals, as_real
+from ..validation import Reals
 from .driven import make_unit_block
 
 if TYPE_CHECKING:
@@ -95,15 +95,13 @@ def overturning_map(
     if max_boundaries is not None and max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {max_boundaries}")
     kind = check_pulse_class(shape)
-    block, c, uplift = make_unit_block(
-        slenderness, restitution, inertia_ratio, one_sided, model
-    )
+    shared, uplift = make_unit_block(slenderness, restitution, inertia_ratio, one_sided, model)
+    block, c = shared
     lows_and_highs = (float(amplitude_ratios[0]), float(amplitude_ratios[1]))
     check_range(lows_and_highs, resolution)
     rate = float(block.frequency_parameter)
     search = (lows_and_highs, resolution, model)
     compute = functools.partial(_search_boundaries, kind, uplift, rate, search)
-    shared = (block, as_real("restitution", c, unit=""))
     # By default all boundaries are listed, and how many there are is known once they have been
     # found. A lazy dataset must state its size before.
     boundaries = None
@@ -121,7 +119,7 @@ def overturning_map(
         "model": model.name,
         "motion": kind.name,
         "slenderness": slenderness,
-        "restitution": c,
+        "restitution": float(c),
         "inertia_ratio": inertia_ratio,
         "lowest_amplitude_ratio": lows_and_highs[0],
         "highest_amplitude_ratio": lows_and_highs[1],
