@@ -137,6 +137,7 @@ def test_a_block_that_never_lifts():
     assert local.value == local.mean == local.standard_deviation == 0
     assert np.isnan(local.explained_variance)
     assert "; the rotation ratio does not vary within the uncertainty;" in local.reason
+    assert str(local).startswith("rotation ratio 0, in all samples as well\n")
 
 
 def test_a_tangent_that_says_little():

@@ -483,12 +483,19 @@ def test_pictures_of_shares():
         plot_sobol_indices(found, "sways")
 
 
-def test_a_tornado_without_an_answer_is_a_sentence():
-    nothing = np.full(2, np.nan)
+@pytest.mark.parametrize(
+    ("answer", "sentence"),
+    [
+        (np.nan, "has no value: the block overturns, also at both ends of every range"),
+        (0.0, "is 0, also at both ends of every range"),
+    ],
+)
+def test_a_tornado_without_bars_is_a_sentence(answer, sentence):
+    same = np.full(2, answer)
     bars = jr.sensitivity.TornadoBars(
-        ("restitution", "scale"), np.ones(2), np.full(2, 2.0), nothing, nothing, np.nan
+        ("restitution", "scale"), np.ones(2), np.full(2, 2.0), same, same, answer
     )
-    assert str(bars) == "has no value: the block overturns, also at both ends of every range"
+    assert str(bars) == sentence
     ax = plot_tornado(bars)
     assert not ax.patches
-    assert "there are no bars" in ax.texts[0].get_text()
+    assert ax.texts[0].get_text().replace("\n", " ") == f"No bars: the answer {sentence}."

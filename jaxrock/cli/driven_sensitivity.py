@@ -147,7 +147,7 @@ def answer_driven(
 
             dependence = _compute_dependence(asked)
             columns |= _tabulate_answer(bars, dependence)
-            tornado = [] if bars.always_overturns else [f"{question.answer} {bars}"]
+            tornado = [] if bars.reason_without_bars else [f"{question.answer} {bars}"]
             lines += ["", *tornado, str(dependence)]
             save_picture(plot_tornado(bars, label=question.label), folder / "tornado.png")
             data |= {"answer": question.answer, "value": bars.value}

@@ -66,9 +66,11 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     >>> axes = jr.plot.plot_tornado(bars, label="rotation ratio [-]")
     """
     check_result("bars", bars, TornadoBars, "tornado(answer, at, ranges)")
-    if bars.always_overturns:
+    if bars.reason_without_bars:
         ax = get_axes(ax, figsize=(6.4, 1.6))
-        words = "The block overturns, also at both ends of every range:\nthere are no bars."
+        words = f"No bars: the answer {bars.reason_without_bars}.".replace(
+            ": the block", ":\nthe block"
+        )
         ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
         ax.set(xticks=[], yticks=[])
         return label_axes(ax, label, "", grid="x")

@@ -90,7 +90,9 @@ class LocalDependence(Printed):
         head = f"{self.answer} {self.value:.6g}"
         if np.isnan(self.value):
             head = f"{self.answer}: no value, the block {write_outcome(self.overturned)}"
-        if np.isfinite(self.mean):
+        if self.standard_deviation == 0:
+            head += ", in all samples as well"
+        elif np.isfinite(self.mean):
             moments = f"{self.mean:.6g} +- {self.standard_deviation:.3g}"
             head += f", within the uncertainty {moments}"
         else:

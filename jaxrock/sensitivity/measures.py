@@ -119,14 +119,18 @@ class TornadoBars(Printed):
     sides: tuple[str, ...] = ()
 
     @property
-    def always_overturns(self) -> bool:
-        """True if the block overturns with all parameters unchanged and at all ends."""
-        answers = np.concatenate([[self.value], self.at_low, self.at_high])
-        return not np.isfinite(answers).any()
+    def reason_without_bars(self) -> str:
+        """Why there are no bars, in a sentence; empty where there are some."""
+        ends = np.concatenate([self.at_low, self.at_high])
+        if not np.isfinite([self.value, *ends]).any():
+            return "has no value: the block overturns, also at both ends of every range"
+        if (ends == self.value).all():
+            return f"is {self.value:.6g}, also at both ends of every range"
+        return ""
 
     def __str__(self) -> str:
-        if self.always_overturns:
-            return "has no value: the block overturns, also at both ends of every range"
+        if self.reason_without_bars:
+            return self.reason_without_bars
         columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
         head = f"{self.value:.6g}"
         if not np.isfinite(self.value):
