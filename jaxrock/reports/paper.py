@@ -21,6 +21,7 @@ import numpy as np
 
 from .. import resonance
 from ..block import Block
+from ..host import show_progress
 from .paper_numbers import INTENSITY, compute_numbers, compute_spectrum, make_scene
 
 if TYPE_CHECKING:
@@ -194,7 +195,7 @@ def write(report: Report, folder: Path) -> None:
             plot_curves, variable, hue, thresholds=_find_thresholds(variable)
         )
         drawings[name] = f"{title}, {pulses}", draw
-    for name, (title, draw) in drawings.items():
+    for name, (title, draw) in show_progress(drawings.items(), "drawing figures"):
         figure, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
         draw(ax=ax)
         ax.set_title(f"{_name_figure(name)}: {title}")
