@@ -4,6 +4,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
@@ -92,6 +93,36 @@ def test_the_overturning_threshold(model):
     time = 1.2 * model.half_cycle_duration(block, velocity)[0]
     later, _ = model.motion(block, velocity, time)
     assert later[0] < 0 < block.critical_angle < later[1]  # fell back, was carried over
+
+
+@pytest.mark.parametrize("model", MODELS, ids=repr)
+@pytest.mark.parametrize("part", [0.01, 0.7])
+def test_the_time_since_a_weak_launch_keeps_its_digits(model, part):
+    """Against 30 digits: x is a millionth, and the time a small part of the half-cycle."""
+    block = jr.Block(0.4, 5.0)
+    p = mpmath.mpf(float(block.frequency_parameter))
+    critical = mpmath.mpf(float(block.critical_angle))
+    x = mpmath.mpf(1e-6)
+    with mpmath.workdps(30):
+        time = part * x / p
+        if isinstance(model, jr.Linearized):
+            rotation = critical * (1 - mpmath.cosh(p * time) + x * mpmath.sinh(p * time))
+            q = x * mpmath.cosh(p * time) - mpmath.sinh(p * time)
+        else:
+            # As y = sin((alpha_c - alpha) / 2)^2 has it, with m for the energy.
+            scale = 2 * p * mpmath.sin(critical / 2)
+            peak = part * x**2 * critical / 2
+            rotation = peak * (1 - part / 4)
+
+            def rate(angle):
+                lift = 2 * mpmath.sin(angle / 2) * mpmath.sin(critical - angle / 2)
+                return mpmath.sqrt((scale * x) ** 2 - 2 * p**2 * lift)
+
+            q = rate(rotation) / scale
+            time = mpmath.quad(lambda angle: 1 / rate(angle), [0, rotation])
+    arguments = (float(rotation), float(x), float(q))
+    answer = model._time_from_ground(block, *map(jnp.asarray, arguments))
+    np.testing.assert_allclose(answer, float(time), rtol=3e-14)
 
 
 def test_the_linearized_motion_says_when_it_leaves_the_numbers():
