@@ -230,6 +230,16 @@ def test_what_holds_is_as_good_as_is_said(answer, model):
     assert held > 0.9 * well > 0.3 * SCATTERING
 
 
+def test_an_offset_is_an_error_of_the_mean_alone():
+    """What all samples have in common, and the medians not, does not scatter."""
+    z = np.random.default_rng(0).normal(size=(4096, 1))
+    series = (np.array(1.0), np.array([0.1]), np.zeros((1, 1)))
+    moments = _estimate_moments(("intensity",), series, z, 1.0 + 0.1 * z[:, 0] + 0.05)
+    # Two standard errors are part of it.
+    assert moments.mean_error == pytest.approx(0.5, abs=1e-9)
+    assert moments.standard_deviation_error < 0.05
+
+
 @pytest.mark.thorough
 def test_a_deviation_that_is_missed_by_a_third():
     """A margin with a long tail, which first and second order both see the least of."""
