@@ -177,20 +177,13 @@ def compute_restitution_by_size(block: Block) -> Reals:
     return -one_sided_restitution(block) if block.one_sided else housner_restitution(block)
 
 
-def bracket_assumed_restitution(block: Block) -> tuple[Reals, Reals]:
-    """Bracket the restitution of a block of which only the size is known.
+def compute_low_restitution(block: Block) -> Reals:
+    """Compute a low restitution for a block of which only the size is known.
 
-    The bracket holds for hard flat bases that touch the floor at their edges. Soft layers are
-    below it, contacts inside of the edges above it.
-
-    Returns
-    -------
-    low, high : Array, shape (...)
-        ``MEASURED_OVER_THEORY`` times the magnitude that follows from size, and this
-        magnitude.
+    From it up to `compute_restitution_by_size` it holds for hard flat bases that touch the
+    floor at their edges. Soft layers are below, contacts inside of the edges above.
     """
-    by_size = compute_restitution_by_size(block)
-    return MEASURED_OVER_THEORY * by_size, by_size
+    return MEASURED_OVER_THEORY * compute_restitution_by_size(block)
 
 
 def describe_assumed_restitution(block: Block) -> str:

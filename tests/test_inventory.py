@@ -15,7 +15,7 @@ from scipy import optimize, stats
 from tools.command import run
 
 import jaxrock as jr
-from jaxrock.impact import bracket_assumed_restitution
+from jaxrock.impact import compute_low_restitution, compute_restitution_by_size
 from jaxrock.plot import plot_inventory, plot_inventory_parts
 from jaxrock.reports import write_inventory_page
 from jaxrock.risk import (
@@ -628,7 +628,8 @@ def test_rates_at_both_ends_of_an_assumed_restitution(with_assumed):
             assert np.isnan(answer.rate_at_low_restitution)
             assert " to " not in describe_years(answer)
             continue
-        low, high = bracket_assumed_restitution(block)
+        low = compute_low_restitution(block)
+        high = compute_restitution_by_size(block)
         assert float(answer.low_restitution) == float(low)
         for coefficient, rate in ((low, "rate_at_low_restitution"), (high, "rate")):
             expected = float(jr.overturning_rate(block, coefficient, site).rate)

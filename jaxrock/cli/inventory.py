@@ -18,6 +18,7 @@ from ..risk import (
     assess_inventory,
     describe_required_width,
     describe_years,
+    name_records,
     read_example_inventory,
     read_inventory,
     write_example_inventory,
@@ -282,11 +283,10 @@ def _write_table(assessed: "xarray.Dataset") -> str:
         "needs [m]": [describe_required_width(answer) for answer in answers],
     }
     above = int((assessed.rate > target).sum())
-    records = assessed.attrs.get("record_source", f"{assessed.attrs['record_count']} records")
     title = (
         f"{above} of {len(names)} objects overturn more often than {target:.4g} 1/yr, once in"
-        f" {1 / target:,.4g} years, under {records}; {assessed.attrs['hazard_curve']}."
-        " needs: the width at this height for the target"
+        f" {1 / target:,.4g} years, under {name_records(assessed)};"
+        f" {assessed.attrs['hazard_curve']}. needs: the width at this height for the target"
     )
     table = format_table(title, [name[:19] for name in names], **columns)
     # The last column is as wide as its words.

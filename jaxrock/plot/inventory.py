@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
+from ..risk import name_records, write_years
 from .axes import ACCENT, INK, LINE, QUANTILE, check_dataset, label_axes
 
 _MOST = 60  # objects that one picture has at most; more would not be read
@@ -94,7 +95,7 @@ def _draw_objects(
         name = "with the low end of an assumed restitution"
         style: dict[str, Any] = {"color": INK, "markerfacecolor": "white", "markersize": 5}
         ax.plot(at, rows, "o", label=name, clip_on=False, **style)
-    years = f"once in {_format_years(1 / target)} years"
+    years = f"once in {write_years(1 / target)} years"
     ax.axvline(target, color=LINE, linestyle="--", linewidth=1, label=f"target: {years}")
     ax.set(xscale="log", xlim=(low, high), ylim=(-0.7, number - 0.3))
     ranks = zip(shown["rank"].values, shown.object.values, strict=True)
@@ -107,7 +108,7 @@ def _draw_objects(
     # Years instead of rates for those who think in them.
     top = ax.secondary_xaxis("top", functions=(_invert, _invert))
     top.set_xlabel("return period of overturning [yr]")
-    top.xaxis.set_major_formatter(lambda value, _: _format_years(value))
+    top.xaxis.set_major_formatter(lambda value, _: write_years(value))
     top.xaxis.set_major_locator(LogLocator(numticks=_MOST_YEARS))
     top.xaxis.set_minor_formatter(lambda value, _: "")
     look: dict[str, Any] = {"ncols": 2, "fontsize": "small", "frameon": False}
@@ -116,8 +117,7 @@ def _draw_objects(
         figure.legend(loc="outside lower center", **look)
     else:
         ax.legend(**look)
-    records = shown.attrs.get("record_source", f"{shown.attrs['record_count']} records")
-    words = textwrap.fill(f"rate of overturning under {records}", _LETTERS)
+    words = textwrap.fill(f"rate of overturning under {name_records(shown)}", _LETTERS)
     return label_axes(ax, f"{words} [1/yr]", "", grid="x")
 
 
@@ -161,8 +161,3 @@ def _invert(value: ArrayLike) -> ArrayLike:
     # Matplotlib asks at 0 as well, where an axis that is not yet logarithmic begins.
     with np.errstate(divide="ignore"):
         return 1 / np.asarray(value, float)
-
-
-def _format_years(years: float) -> str:
-    """Write a number of years with separators of thousands: 2,500."""
-    return f"{years:,.0f}" if years >= 10 else f"{years:.3g}"

@@ -2,10 +2,11 @@
 
 import html
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from ..ground_motion import MEASURES
-from ..risk import round_width_up
+from ..risk import name_records, round_width_up, write_years
 
 if TYPE_CHECKING:
     import xarray
@@ -23,10 +24,10 @@ def write_details(dataset: "xarray.Dataset") -> str:
     of_objects = [name for name in _OF_OBJECT if name in columns]
     return "\n".join(
         [
-            _write_table(dataset, ["rank", "name", *of_objects]),
-            _write_table(dataset, ["rank", "name", *of_rates]),
+            _write_table(dataset, columns, ["rank", "name", *of_objects]),
+            _write_table(dataset, columns, ["rank", "name", *of_rates]),
             _write_notes(dataset),
-            _write_meanings(dataset),
+            _write_meanings(columns),
             _write_assumptions(dataset),
         ]
     )
@@ -62,7 +63,7 @@ def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
         head = f"at {level:.3g} {unit}"
         years = float(dataset.return_period[k])
         if math.isfinite(years):
-            head += f", {years:,.0f} years"
+            head += f", {write_years(years)} years"
         columns[f"probability {k}"] = (
             head,
             "Probability of overturning at this level, which has this return period, with its"
@@ -109,9 +110,10 @@ def _name_places(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
     return columns
 
 
-def _write_table(dataset: "xarray.Dataset", names: list[str]) -> str:
+def _write_table(
+    dataset: "xarray.Dataset", columns: Mapping[str, tuple[str, str]], names: list[str]
+) -> str:
     """Write a table with the columns of these names."""
-    columns = _name_columns(dataset)
     mark = {name: ' class="words"' for name in _TEXTS}
     mark |= {"rate": ' class="rate"', "need": ' class="need"'}
     heads = "".join(
@@ -212,11 +214,11 @@ def _write_notes(dataset: "xarray.Dataset") -> str:
     return "\n".join(["<h2>Remarks</h2>\n<ul>", *notes, "</ul>"]) if notes else ""
 
 
-def _write_meanings(dataset: "xarray.Dataset") -> str:
+def _write_meanings(columns: Mapping[str, tuple[str, str]]) -> str:
     """Write the meaning of each column in a sentence."""
     # Columns of the same meaning, as probabilities at several levels, are explained together.
     heads_by_meaning: dict[str, list[str]] = {}
-    for head, meaning in _name_columns(dataset).values():
+    for head, meaning in columns.values():
         heads_by_meaning.setdefault(meaning, []).append(head)
     lines = [
         f"<dt>{', '.join(heads)}</dt><dd>{meaning}</dd>"
@@ -249,7 +251,7 @@ def _write_assumptions(dataset: "xarray.Dataset") -> str:
         " rocks about the edges of its base and neither slides nor turns; where no restitution"
         " was given, it is assumed to be Housner&rsquo;s, which is a high one; the restitution"
         f" stays when the width changes.{wall}{floors}"
-        f" Simulated under {html.escape(str(about.get('record_source', records)))}; each"
+        f" Simulated under {html.escape(name_records(dataset))}; each"
         f" of {records} scaled to"
         f" {about['simulated_levels']} levels of the {MEASURES[about['measure']][0]}, by the"
         f" {html.escape(str(about['model']))} equation of motion, for a"

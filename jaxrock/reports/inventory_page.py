@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ..risk import describe_years, round_width_up
+from ..risk import describe_years, name_records, round_width_up, write_years
 from .inventory_details import write_details
 
 if TYPE_CHECKING:
@@ -116,23 +116,17 @@ def _write_sources(dataset: "xarray.Dataset") -> str:
     hazard = about.get("hazard", about["hazard_curve"])
     if "hazard_site" in about:
         hazard += f", site {about['hazard_site']}"
-    records = about.get("record_source", f"{about['record_count']} records")
     return html.escape(
-        f"Target: overturns at most once in {_write_years(1 / about['target'])} years."
-        f" Hazard: {hazard}. Ground motions: {records}."
+        f"Target: overturns at most once in {write_years(1 / about['target'])} years."
+        f" Hazard: {hazard}. Ground motions: {name_records(dataset)}."
     )
-
-
-def _write_years(years: float) -> str:
-    """Write a number of years: 2,475, or 0.5."""
-    return f"{years:,.0f}" if years >= 10 else f"{years:.3g}"
 
 
 def _write_first_sentence(dataset: "xarray.Dataset") -> str:
     """Write what to do first, in one sentence."""
     above = dataset.isel(object=dataset.rate.values > dataset.attrs["target"])
     names = [str(name) for name in above.object.values]
-    years = _write_years(1 / dataset.attrs["target"])
+    years = write_years(1 / dataset.attrs["target"])
     if not names:
         every = "it overturns" if dataset.object.size == 1 else "all objects overturn"
         return f"Nothing needs to be done: {every} at most once in {years} years."

@@ -11,7 +11,9 @@ from .inventory import Inventory
 from .inventory_assessment import assess_inventory
 from .inventory_dataset import describe_required_width as describe_required_width
 from .inventory_dataset import describe_years as describe_years
+from .inventory_dataset import name_records as name_records
 from .inventory_dataset import round_width_up as round_width_up
+from .inventory_dataset import write_years as write_years
 from .inventory_files import read_inventory
 from .lognormal import LognormalFit as LognormalFit
 from .overturning_rate import OverturningRate, overturning_rate

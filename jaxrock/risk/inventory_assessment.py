@@ -8,7 +8,7 @@ import numpy as np
 from ..block import SIZES_IN_WORDS, Block
 from ..ground_motion import warn_of_large_intensities
 from ..host import show_progress
-from ..impact import bracket_assumed_restitution
+from ..impact import compute_low_restitution
 from ..numerics import bound_probabilities
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
@@ -228,8 +228,8 @@ def _simulate_objects(
     assumed = np.flatnonzero(inventory.restitution_assumed)
     low_restitution = np.full(number, np.nan)
     if assumed.size:
-        ends = bracket_assumed_restitution(inventory.block)
-        low_restitution[assumed] = np.asarray(ends[0])[assumed]
+        all_low = compute_low_restitution(inventory.block)
+        low_restitution[assumed] = np.asarray(all_low)[assumed]
         drawn = add_restitutions(drawn, assumed, low_restitution[assumed])
     cases, overturned, crossings, rates = simulate_samples(
         objects, drawn.block, drawn.restitution, site, model, _ACCURACY, drawn.floors

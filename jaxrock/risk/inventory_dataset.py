@@ -186,6 +186,16 @@ def describe_years(answer: "xarray.Dataset", unit: str = "") -> str:
     return " to ".join(dict.fromkeys(years)) + unit
 
 
+def write_years(years: float) -> str:
+    """Write a number of years with separators of thousands: 2,475, or 0.5."""
+    return f"{years:,.0f}" if years >= 10 else f"{years:.3g}"
+
+
+def name_records(dataset: "xarray.Dataset") -> str:
+    """Name the records an inventory was simulated under: their source, or their number."""
+    return dataset.attrs.get("record_source", f"{dataset.attrs['record_count']} records")
+
+
 def _round_years(years: float, target: float) -> str:
     """Round years to two digits, which is more than records tell: 2,500.
 
@@ -194,4 +204,4 @@ def _round_years(years: float, target: float) -> str:
     rounded = float(f"{years:.2g}")
     if (rounded < target) != (years < target):
         rounded = float(f"{years:.4g}")
-    return f"{rounded:,.0f}" if rounded >= 10 else f"{rounded:g}"
+    return write_years(rounded)
