@@ -1,16 +1,17 @@
 """Rocking of rigid blocks on JAX: resonance spectra, sensitivities, inverse design.
 
-All functions are elementwise: arguments are numbers or arrays that broadcast against each
-other. Answers have the broadcast shape, ``(...)`` in the docstrings. Everything is in SI
-units and radians. A concrete argument out of range raises `ValueError`. A traced one gives
-NaN, with derivative zero.
+Unless they say otherwise, functions are elementwise: arguments are numbers or arrays that
+broadcast against each other. Answers have the broadcast shape, ``(...)`` in the docstrings.
+Everything is in SI units and radians. A concrete argument out of range raises `ValueError`. A
+traced one gives NaN, with derivative zero.
 
-Two models describe the motion, `Linearized` and `Nonlinear`; every function that needs one
-takes it as ``model=``, itself or by its name. The defaults are the paper's own: the closed
-forms (half-cycle map, limits, critical intensities, pulse trains) are linearized, the equation
-of driven motion is nonlinear.
+Two models describe the motion, `Linearized` and `Nonlinear`. Functions that need one take
+``model=``: ``Linearized()``, ``Nonlinear()``, "linearized" or "nonlinear". By default the
+closed forms (half-cycle map, limits, critical intensities, pulse trains) are linearized and
+the equation of driven motion is nonlinear, as in the paper: C. Casapulla, *On the Resonance
+Conditions of Rigid Rocking Blocks*, whose equations and figures the docstrings cite.
 
-Most scenes need only the functions listed here. Result classes and further tools are in the
+The functions listed here are enough for most work. Result classes and further tools are in the
 packages: `resonance`, `ground_motion`, `driven`, `steady`, `overturning`, `sensitivity`,
 `calibration`, `accuracy`, `grids`, `spectra`, `risk`, `plot`, `reports`.
 ``jaxrock.__version__`` is the version.

@@ -68,9 +68,9 @@ class Block(Printed, Checked):
     Parameters
     ----------
     half_width, slenderness, gravity : array_like
-        b, half the width of the base [m], lambda = a / b, height over width [-], and g,
-        acceleration of gravity [m/s2]; finite and greater than 0. They broadcast.
-        `from_size` takes the full width and height instead.
+        Half the width of the base b [m]; height over width, lambda = a / b [-]; acceleration
+        of gravity g [m/s2]. All are finite and greater than 0. They broadcast. `from_size`
+        takes the full width and height instead.
     inertia_ratio : array_like
         kappa = I_O / (m R^2) [-], the moment of inertia about the edge, divided by what it
         would be if the whole mass m were at the centre of mass, at the distance R from the
@@ -314,7 +314,7 @@ class Block(Printed, Checked):
     @property
     @elementwise()
     def frequency_parameter(self) -> Reals:
-        """Rate of free rocking near equilibrium, p = sqrt(g / (kappa R)) [1/s]."""
+        """Frequency parameter, p = sqrt(g / (kappa R)) [1/s]."""
         fraction = fraction_in_centre(self.inertia_ratio)
         return jnp.sqrt(fraction * self.gravity / (self.half_width * diagonal_ratio(self)))
 

@@ -498,7 +498,7 @@ def test_motions_that_are_no_free_rocking():
     growing = np.append(0, np.cumsum(2 / P * np.arctanh(0.3 * 1.1 ** np.arange(9))))
     random = [np.random.default_rng(seed).exponential(0.4, 12).cumsum() for seed in range(10)]
     for times in (growing, *random):
-        with pytest.raises(ValueError, match=r"^impact_times must be those of .*$"):
+        with pytest.raises(ValueError, match=r"^impact_times must be from .*$"):
             fit_free_rocking(times, BLOCK)
 
 

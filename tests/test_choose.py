@@ -72,7 +72,7 @@ def test_reasons_in_words():
     assert "linearizing costs -0.61 % of the rotation ratio" in str(jr.choose(wall, 1e-3))
     many = jr.choose(scenes(1, NUMBER), 1e-3)
     assert "of them beyond 0.001" in str(many)
-    with pytest.raises(ValueError, match="setting is that of a single scene"):
+    with pytest.raises(ValueError, match="setting needs a single scene"):
         many.setting  # noqa: B018
 
 

@@ -118,7 +118,7 @@ def test_a_run_that_is_killed_is_continued(tmp_path):
     stored = write_zarr(blocks(chunks={"period": 1}), path)
     assert (stored.chunks, stored.taken_over) == (15, len(there))
     assert 3 <= len(there) < 15
-    assert str(stored) == f"{path}: 15 chunks, {len(there)} of them taken over"
+    assert str(stored) == f"{path}: 15 chunks, {len(there)} from an earlier run"
     for name, when in written.items():
         assert (path / "margin" / name).stat().st_mtime_ns == when
     assert not [*path.rglob("*.partial")]
@@ -409,7 +409,7 @@ def test_fragility_as_a_store_by_workers_of_its_own(tmp_path, monkeypatch, capsy
     stored = ("--store", tmp_path / "f.zarr", "--workers", 1)
     code, out, err = run(capsys, *command, *stored)
     assert (code, err) == (0, "")
-    assert ", 0 of them taken over" in out.splitlines()[-1]
+    assert ", 0 from an earlier run" in out.splitlines()[-1]
     code, alone, _ = run(capsys, *command, "--out", tmp_path / "out")
     assert code == 0
     assert out.splitlines()[:-1] == [x for x in alone.splitlines() if "fragility." not in x]

@@ -482,7 +482,7 @@ def test_printing():
     assert "launch velocity     " in text
     assert "NaN in 1 of 2" in text
     assert "exists              1 of 2" in text
-    assert "but not from rest" in text
-    assert "but not from rest" not in str(
+    assert "but cannot begin from rest" in text
+    assert "but cannot begin from rest" not in str(
         harmonic_orbit(BLOCK, 0.9, 3.0, 14.0, model="linearized")
     )

@@ -203,11 +203,23 @@ def test_derivatives_on_a_harmonic_floor():
     [
         (np.nan, np.nan, 0.05, "for all scale factors from 1.6 to 2.5", False),
         (1.99, 2.02, 0.05, "only for scale factors 1.99 to 2.02, a range narrower than", True),
-        (1.97, 2.4, 0.05, "factors 1.97 to 2.4, of which one is nearer than the", True),
+        (1.97, 2.4, 0.05, "factors 1.97 to 2.4; one of these is nearer than the", True),
         (1.7, 2.4, 0.05, "only for scale factors 1.7 to 2.4, a range wider than", False),
-        (np.nan, 2.05, 0.05, "up to a scale factor of 2.05, nearer than the assumed", True),
-        (np.nan, 2.05, 0.02, "factor of 2.05, further away than the assumed", False),
-        (1.7, np.nan, 0.05, "from a scale factor of 1.7 on, further away than", False),
+        (
+            np.nan,
+            2.05,
+            0.05,
+            "up to a scale factor of 2.05, which is nearer than the assumed",
+            True,
+        ),
+        (np.nan, 2.05, 0.02, "factor of 2.05, which is further away than the assumed", False),
+        (
+            1.7,
+            np.nan,
+            0.05,
+            "from a scale factor of 1.7 on, which is further away than",
+            False,
+        ),
     ],
 )
 def test_words_of_an_interval(low, high, uncertainty, words, near):

@@ -348,7 +348,7 @@ def test_the_study_by_workers_runs_and_is_continued(tmp_path):
             text=True,
             check=True,
         )
-        assert done.stdout == f"study.zarr: 4 chunks, {taken_over} of them taken over\n"
+        assert done.stdout == f"study.zarr: 4 chunks, {taken_over} from an earlier run\n"
     with xarray.open_zarr(tmp_path / "study.zarr") as found:
         assert dict(found.sizes) == {
             "record": 4,

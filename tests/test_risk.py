@@ -261,7 +261,8 @@ def test_the_fields_and_the_words_of_a_rate():
         f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr,"
         " about once in 17,000 years\n"
         f"standard error {error:.6g} 1/yr from 3 records\n"
-        f"missed windows and levels beyond the last change it by {bound:.6g} 1/yr at most (95 %)"
+        f"undetected windows, and levels beyond the last, change it by {bound:.6g} 1/yr"
+        " at most (95 %)"
     )
 
 
@@ -407,7 +408,7 @@ def test_a_remark_says_where_exceedance_decreases():
     curves = jr.fragility(block, 0.9, jr.Suite([pulse] * 2), [0.3, 0.8, 1.23, 1.6], **options)
     np.testing.assert_array_equal(curves.exceedance[:, 0], [0, 1, 0, 1])
     assert str(curves.remark.values[0]).endswith(
-        "at 1 level fewer records exceed it than at the one below"
+        "at 1 level fewer records exceed it than at the next lower level"
     )
 
 

@@ -140,7 +140,7 @@ def test_one_name_has_two_units(carry, eps):
     oscillator = jr.resonance.Oscillator(carry(6.0, "rad/s"), 0.05)
     peak = oscillator.peak_displacement(carry(30.0, "cm/s"))
     np.testing.assert_allclose(peak, oscillator.peak_displacement(0.3), rtol=4 * eps)
-    with pytest.raises(ValueError, match=r"^velocity must be in rad/s, got 30.0 c"):
+    with pytest.raises(ValueError, match=r"^velocity must be in the unit rad/s, got 30.0 c"):
         jr.Linearized().peak_rotation(BLOCK, carry(30.0, "cm/s"))
 
 

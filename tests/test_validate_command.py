@@ -118,9 +118,7 @@ def test_peaks_and_a_single_split(campaign, tmp_path, capsys):
     code, text, _ = run(capsys, "validate", path, *options)
     assert code == 0
     assert "scores for tests that were not fitted\n" in text
-    assert re.search(
-        r"peak rotations, mean: CRPS \S+ rad, distance .* \S+, its p-value \S+", text
-    )
+    assert re.search(r"rad, Kolmogorov-Smirnov distance \d\S+, its p-value \d\S+", text)
     population = read_table(tmp_path / "out" / "population.csv")
     assert population["parameter"][-1] == "peak_deviation"
     with xarray.open_dataset(tmp_path / "out" / "validation.nc") as dataset:

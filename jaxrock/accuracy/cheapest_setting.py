@@ -87,7 +87,7 @@ class Choice(Printed, eqx.Module):
             If there are several scenes.
         """
         if jnp.ndim(self.index):
-            raise ValueError(f"setting is that of a single scene, got {jnp.shape(self.index)}")
+            raise ValueError(f"setting needs a single scene, got {jnp.shape(self.index)}")
         return self.settings[int(self.index)]
 
     def __str__(self) -> str:
@@ -119,11 +119,12 @@ def choose(
     scene : Scene or DrivenScene
         Elementwise: every element gets a setting of its own.
     tolerance : float
-        Relative error that is allowed: of the rotation ratio, the period and the critical
-        intensity of a `Scene`, of the peak rotation of a `DrivenScene`. A setting that predicts
-        standing for a block that overturns is never within tolerance.
+        Allowed relative error. For a `Scene` it applies to the rotation ratio, the period and
+        the critical intensity, for a `DrivenScene` to the peak rotation. A setting that
+        predicts standing for a block that overturns is never within tolerance.
     shape : type, optional
-        `Rectangular` or `HalfSine`, the pulses of a `Scene`; instantaneous unless given.
+        Shape of the pulses of a `Scene`, `Rectangular` or `HalfSine`. By default the pulses
+        are instantaneous.
     duration : array_like, optional
         Duration of those pulses [s].
 
@@ -134,7 +135,7 @@ def choose(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed.
+        If an argument is not allowed.
 
     Notes
     -----
@@ -197,11 +198,11 @@ def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
     if shape is not None:
         causes["taking the pulses as instantaneous"] = predicted.duration
         causes["the uncertainty of that estimate"] = predicted.duration_bound
-    causes["float32 at most"] = predicted.rounding["nonlinear"][32]
+    causes["rounding to float32 (upper bound)"] = predicted.rounding["nonlinear"][32]
     lines: list[str] = []
     for cause, errors in causes.items():
         parts = (
-            f"{'the outcome' if jnp.isinf(error) else f'{100 * float(error):.2g} %'}"
+            f"{'an unbounded error' if jnp.isinf(error) else f'{100 * float(error):.2g} %'}"
             f" of the {answer.replace('_', ' ')}"
             for answer, error in vars(errors).items()
         )
@@ -212,7 +213,7 @@ def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...
 def _explain_estimate(error: float) -> str:
     """Say in a sentence what the error of a single driven scene was estimated from."""
     if np.isinf(error):
-        return "a less accurate simulation diverges, as where impacts amplify rounding"
+        return "a less accurate simulation diverges, perhaps since impacts amplify rounding"
     return "estimated from a less accurate simulation, which does not diverge"
 
 

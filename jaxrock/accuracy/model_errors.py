@@ -83,10 +83,10 @@ class ModelError(Printed, eqx.Module):
     Attributes
     ----------
     linearization : Answers
-        `Linearized` over `Nonlinear`, minus 1; exact up to rounding.
+        Answers of `Linearized` over those of `Nonlinear`, minus 1; exact up to rounding.
     duration : Answers
-        Instantaneous pulses over pulses of finite duration, minus 1; to first order in the
-        duration.
+        Answers under instantaneous pulses over those under pulses of finite duration, minus 1;
+        to first order in the duration.
     duration_bound : Answers
         Bound on the error of `duration`, with rounding; inf where nothing is known.
     rounding : dict
@@ -105,7 +105,7 @@ class ModelError(Printed, eqx.Module):
         rows = {
             "linearizing": self.linearization,
             "instantaneous pulses": self.duration,
-            "  known to": self.duration_bound,
+            "  uncertainty of that": self.duration_bound,
         } | {
             f"{model} in float{bits}": errors
             for model, by_bits in self.rounding.items()
@@ -168,8 +168,8 @@ def model_error(
     ----------
     scene : Scene
     shape : type, optional
-        `Rectangular` or `HalfSine`, the pulses that have an intensity; instantaneous unless
-        given.
+        Shape of the pulses, `Rectangular` or `HalfSine`: only these have an intensity. By
+        default the pulses are instantaneous.
     duration : array_like, optional
         Duration of the pulses [s], at least 0.
 
@@ -188,14 +188,14 @@ def model_error(
     Notes
     -----
     To first order in their duration d, pulses change the stabilized velocity by the factor
-    ``1 + e (w v* I / g - (1 - C) m)``. Here ``e = d g tan(alpha_c) / I`` is the acceleration
-    that just lifts the block over the mean acceleration of the pulse, m is the centroid of
-    the pulse in durations, and ``w = C m + (1 - C) n``, where n is the integral of the pulse
-    times its own second integral. The remainder is bounded by ``0.3 e^2 (1 - C + v* I / g)``.
-    This bound is empirical: the largest remainder in a search, which compared the estimate
-    with the equation of motion for slenderness from 0.5 and e up to 0.8, has 0.24 instead of
-    0.3. Outside this range the bound is inf, and also where a half-sine starts too weakly to
-    keep a slow block off the ground.
+    ``1 + e (w v* I / g - (1 - C) m)``. Here ``e = d g tan(alpha_c) / I`` is the quotient of
+    two accelerations: the one that just lifts the block, and the mean one of the pulse. m is
+    the centroid of the pulse in durations, and ``w = C m + (1 - C) n``, where n is the
+    integral of the pulse times its own second integral. The remainder is at most
+    ``0.3 e^2 (1 - C + v* I / g)``. This bound is empirical: a search compared the estimate
+    with the equation of motion for slenderness from 0.5 on and e up to 0.8, and the largest
+    remainder had a factor of 0.24 instead of 0.3. The bound is inf outside this range, and
+    where a half-sine starts too weakly to keep a slow block off the ground.
 
     Examples
     --------

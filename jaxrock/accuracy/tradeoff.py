@@ -50,9 +50,9 @@ _ADAPTIVE = (
 _LONG_NAMES = {
     "error": "largest relative error",
     "seconds": "time per answer, median",
-    "spread": "between the quartiles of the time, relative",
+    "spread": "interquartile range of the time over its median",
     "compilation": "time of the first call, with compilation",
-    "behind": "time over the time of the fastest setting that is as accurate",
+    "behind": "time over the time of the fastest setting at least as accurate",
     "front": "1 on the front of its batch",
     "front_of_level": "1 on the front of its batch and level",
 }
@@ -88,10 +88,10 @@ class Tradeoff(Printed):
         Has the dimension setting and the variables label, level, solver, tolerance, bits,
         batch, default, error, seconds (median time per answer), spread (interquartile range
         of the time over its median), compilation (seconds), behind, front and front_of_level.
-        ``behind`` is the time, divided by that of the fastest setting of the same batch that is
-        at least as accurate. ``front`` is 1 where no other setting is that fastest one;
-        front_of_level
-        compares settings of one level of fidelity only.
+        ``behind`` compares a setting with all settings of its batch that are at least as
+        accurate: it is the time of the setting over the shortest of their times. ``front`` is
+        1 where ``behind`` is 1 and the error is finite. front_of_level is the same among
+        settings of one level of fidelity.
     """
 
     dataset: "xarray.Dataset"
@@ -164,7 +164,7 @@ class Tradeoff(Printed):
         for _, row in rows.query("default == 1").iterrows():
             lines.append(
                 f"default in batches of {row.batch}: {row.label}, error {row.error:.1e},"
-                f" {row.behind:.2f} times the fastest as accurate"
+                f" takes {row.behind:.2f} times as long as the fastest that is as accurate"
             )
         return "\n".join(lines + self.notes())
 
@@ -177,7 +177,7 @@ def measure_tradeoff(
     Parameters
     ----------
     scene : Scene or DrivenScene, optional
-        A single one. By default a block under a short half-sine pulse.
+        A single scene. By default a block under a short half-sine pulse.
     repeats : int
         Number of times that each setting is timed, after compilation.
 
@@ -199,7 +199,7 @@ def measure_tradeoff(
     """
     if jnp.result_type(float) != jnp.float64:
         raise ValueError(
-            "JAX must be set to 64 bits, with which lower precisions are compared"
+            "JAX must be set to 64 bits, the reference for lower precisions, got 32 bits"
         )
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1, got {repeats}")

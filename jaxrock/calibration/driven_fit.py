@@ -52,9 +52,9 @@ class DrivenFit(Printed, eqx.Module):
     parameters : tuple of str
         The names of the fitted parameters.
     values, standard_errors : dict of Array
-        Values of these and their standard errors, by name.
+        Fitted values and their standard errors, by name of the parameter.
     covariance : Array, shape (parameters, parameters)
-        Covariance of these, in their order.
+        Covariance of the fitted values, in the order of `parameters`.
     restitution, block : Array, Block
         The coefficient of restitution and the block, with the fitted values.
     rotation, residuals : Array, shape (n,)
@@ -128,9 +128,9 @@ def fit_driven_rocking(
 ) -> DrivenFit:
     """Fit the restitution of a block to its rotation measured on a shaking table.
 
-    The fit minimizes least squares with `respond` and its derivatives. It extends the fitted
-    part of the motion step by step. If impacts came in another order, the computed block would
-    be on the wrong side, and no derivative would lead back from there.
+    The fit minimizes the sum of squared residuals with `respond` and its derivatives. It
+    extends the fitted part of the motion step by step. Otherwise impacts could come in another
+    order: the computed block would be on the wrong side, and no derivative would lead back.
 
     Parameters
     ----------
@@ -140,11 +140,12 @@ def fit_driven_rocking(
     block, motion : Block, Motion
         The block, and the motion of the table.
     restitution : float, optional
-        Initial value of C, or its value if C is not fitted. By default the fit starts from
-        that of several values, from 0.5 to 0.98, which explains the first part of the motion
-        best; if C is not fitted, it is Housner's.
+        Initial value of C, or its value if C is not fitted. By default the fit tries values
+        from 0.5 to 0.98, and starts from the value that explains the first part of the motion
+        best. If C is not fitted, Housner's value is the default.
     parameters : sequence of str
-        What is fitted: "restitution", "slenderness", "half_width", "inertia_ratio".
+        Names of the fitted parameters: "restitution", "slenderness", "half_width",
+        "inertia_ratio".
     initial_rotation, initial_velocity : float
         At time 0 [rad], [rad/s]; at rest by default.
     model : Nonlinear or Linearized, or their names
@@ -166,10 +167,10 @@ def fit_driven_rocking(
 
     Notes
     -----
-    Standard errors are local: they describe the neighbourhood of the fitted motion. In a longer
-    test they are smaller, but more other motions fit nearly as well. A C that is many
-    standard errors away, but within the standard errors of the first impacts alone, may
-    explain the test as well.
+    Standard errors are local: they describe the neighbourhood of the fitted motion. A longer
+    test has smaller standard errors, but also more different motions that fit nearly as well.
+    A C many standard errors away may still explain the test, if it is within the standard
+    errors of a fit to the first impacts alone.
 
     Examples
     --------
@@ -258,7 +259,7 @@ def _check_test(
     # Times and rotations stay in float64: only the motion is computed in the precision given.
     rough_noise = estimate_rough_noise(measured[counts]) if noise is None else float(size)
     if rough_noise == 0:
-        raise ValueError("rotation must be of a block that rocks, got 0 everywhere")
+        raise ValueError("rotation must show a block that rocks, got 0 everywhere")
     test = ShakingTest(
         time=instants,
         # Without NaN, which would stay NaN when it is given no weight.

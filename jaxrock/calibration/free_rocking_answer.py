@@ -24,10 +24,10 @@ class FreeRockingFit(Printed, eqx.Module):
     restitution, frequency_parameter, critical_angle : Array
         C [-], p [1/s] and alpha_c [rad], each given or fitted; NaN where unknown.
     launch_ratio, first_impact : Array
-        Velocity after the first impact over the critical one [-], and the time of that
+        Velocity after the first impact over the critical velocity [-], and the time of that
         impact [s].
     standard_errors : dict of Array
-        By the names above; 0 for a parameter that was given.
+        Standard errors by the names above; 0 for a parameter that was given.
     covariance : Array, shape (5, 5)
         Covariance of the parameters, in the order of `names`.
     time_residuals, rotation_residuals : Array
@@ -47,10 +47,11 @@ class FreeRockingFit(Printed, eqx.Module):
         missing impacts.
     restitution_change, restitution_change_error, restitution_change_p_value : Array
         C of the largest impact minus C of the smallest one, if C is linear in the velocity;
-        its standard error; and the probability that a constant C seems to change as much.
+        its standard error; and its p-value, the probability of at least this change by chance
+        if C is constant.
     frequency_p_value : Array
-        Probability that another p seems to fit better by as much, although the block has the
-        given p; NaN where p is fitted.
+        p-value of the given p: the probability that by chance another p fits better by at
+        least this much if the given p is right; NaN where p is fitted.
     degrees_of_freedom : Array
         Number of measurements minus number of fitted parameters.
     block : Block or None

@@ -31,7 +31,7 @@ _ROUNDS = 6  # in which the noises of times and rotations are found beside each 
 # order are 1 / sqrt(12) = 0.29 of a half-cycle off.
 _ROUGH = 0.25
 _NO_SUCH_MOTION = (
-    "{} must be those of free rocking, but no such motion fits them: check that times are in"
+    "{} must be from free rocking, but no such motion fits them: check that times are in"
     " seconds and rotations in radians"
 )
 
@@ -73,8 +73,9 @@ def fit_free_rocking(
         Standard deviations of the measured times [s] and peaks [rad], where they are known;
         by default estimated from the residuals.
     repair : bool
-        Whether to search for impacts that are missing, counted twice or outliers. At most
-        four are repaired, each only if chance would suggest it in one of a thousand tests.
+        Whether to search for impacts that are missing, counted twice or outliers. The fit
+        makes at most four repairs, and a repair only if chance alone would suggest it in less
+        than one of a thousand tests.
 
     Returns
     -------
@@ -95,13 +96,13 @@ def fit_free_rocking(
     If the two models differ in C by more than its standard error, `remarks` states the
     difference. For 12 impacts with 1 ms of noise, b = 0.3 m and C = 0.85, this occurs up to a
     slenderness of 15 if the first launch is 0.9 of the critical velocity, and up to 3 if it
-    is half of that.
+    is half of the critical velocity.
 
-    If p is unknown, only the curvature of the durations shows how large the motion is. For
-    this, the first half-cycles must begin near overturning.
-    For 13 impacts with 1 ms of noise, b = 0.1 m,
-    lambda = 5 and C = 0.9, C is known to 0.0003 and p to 0.3 % if the first launch is 0.95 of
-    the critical velocity, and to 0.001 and 8 % if it is half of it.
+    If p is unknown, only the nonlinear dependence of the durations on the rotation shows it.
+    For this, the first half-cycles must begin near overturning. For 13 impacts with 1 ms of
+    noise, b = 0.1 m, lambda = 5 and C = 0.9, C is known to 0.0003 and p to 0.3 % if the first
+    launch is 0.95 of the critical velocity. If it is half of the critical velocity, C is known
+    to 0.001 and p to 8 %.
 
     Examples
     --------
@@ -322,8 +323,8 @@ def _refuse(result: _SearchResult, measured: Measured) -> None:
     # A nearly elastic block may come out a little above 1, by the noise alone.
     if restitution - 2 * error > 1:
         raise ValueError(
-            f"{name} must be those of a decaying motion, got one in which each launch velocity"
-            f" is {restitution:.4g} times the previous one"
+            f"{name} must be from a decaying motion, but each launch velocity is"
+            f" {restitution:.4g} times the previous one"
         )
     # There is a nearest motion to any times: the noise says whether it is near.
     if measured.times.size > 1:
@@ -331,6 +332,6 @@ def _refuse(result: _SearchResult, measured: Measured) -> None:
         typical = float(np.median(np.diff(measured.times[measured.time_counts])))
         if noise > _ROUGH * typical:
             raise ValueError(
-                f"impact_times must be those of free rocking, but they differ by {noise:.2g} s"
+                f"impact_times must be from free rocking, but they differ by {noise:.2g} s"
                 f" from the nearest such motion, whose half-cycles last {typical:.2g} s"
             )

@@ -106,7 +106,7 @@ def gather_known(
             "block must be given for the nonlinear model, which depends on its shape"
         )
     if block is None and not timed:
-        raise ValueError("block must be given with peak_rotations alone, got None")
+        raise ValueError("block must be given if there are peak_rotations only, got None")
     if block is not None:
         check_kind("block", block, Block)
         check_concrete(block, OUTSIDE)

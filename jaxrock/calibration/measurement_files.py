@@ -69,10 +69,9 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
     Raises
     ------
     ValueError
-        With file and line, if the file cannot be read, holds anything else, has fewer than two
-        times of impacts, seems to be cut,
-        if the names of the columns are not understood, if a column
-        without a name may be a counter, or if the times do not increase.
+        With file and line: if the file cannot be read, has other contents, has fewer than two
+        times of impacts or seems to be cut; if the names of the columns are not understood; if
+        a column without a name may be a counter; or if the times do not increase.
     """
     table = read_table(Path(path))
     heads, line = _find_heads(table)

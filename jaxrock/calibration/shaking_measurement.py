@@ -298,7 +298,7 @@ def _divide_motion(time: np.ndarray, sides: np.ndarray) -> list[float]:
     seen = np.flatnonzero(sides)
     changes = seen[1:][np.diff(sides[seen]) != 0]
     if not changes.size:
-        raise ValueError("rotation must be of a block that rocks, got one without an impact")
+        raise ValueError("rotation must show a block that rocks, got no impact")
     places = [min(changes.size - 1, int(share * changes.size) + 1) for share in _STAGES[:-1]]
     return [*dict.fromkeys(float(time[changes[place]]) for place in places), float(time[-1])]
 

@@ -57,7 +57,7 @@ def make_application() -> App:
     """Make the parser of command lines, which knows all commands."""
     application = App(
         name="jaxrock",
-        help="Rocking of rigid blocks: will it rock, how far, and what overturns it.",
+        help="Rocking of rigid blocks: whether a block rocks, how far, and what overturns it.",
         version=read_version,
         # Without `negative`, a flag such as --force has no twin --no-force. Lists take all
         # words up to the next option, as in --width 0.4 0.8.

@@ -16,12 +16,12 @@ def assess(
 ) -> Answer:
     """Assess one block: its geometry, and the ground pulses that overturn it.
 
-    Critical intensities are those of pulses at the worst moments, right after each impact. With
-    an intensity it also says what pulses of this intensity do: the response to one pulse, the
-    stabilized phase or the half-cycle in which the block overturns, and sensitivities. The
-    linearized and the nonlinear equation stand side by side. With a height, sensitivities are
-    to the width at this height and the height at this width; else to the half-width at this
-    slenderness and to the slenderness.
+    Critical intensities are for pulses at the worst moments, right after each impact. With an
+    intensity, the command also computes the response to one pulse of this intensity, the
+    stabilized phase or the half-cycle in which the block overturns, and sensitivities. Answers
+    of the linearized and the nonlinear equation stand side by side. With a height, it gives
+    sensitivities to the width at this height and to the height at this width. Without one, it
+    gives them to the half-width at this slenderness and to the slenderness.
 
     Example: jaxrock assess --width 0.8 --height 4 --restitution 0.7 --intensity 0.15
 

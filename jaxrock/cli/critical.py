@@ -47,13 +47,14 @@ def critical(
     out: Folder | None = None,
     output: FileOutput = FileOutput(),
 ) -> Answer:
-    """Find the limits at which a block overturns, under timed pulses, a pulse or a record.
+    """Find the limits at which a block overturns: in resonance, under one pulse or a record.
 
-    Without a pulse or a record, it computes critical intensities in closed form, by both
-    equations, and the sizes and the restitution with which the given intensity just overturns
-    the block. With a pulse or a record, it finds what lifts the block, and every boundary
-    between standing and overturning along a quantity. Writes critical.csv and critical.png if
-    given a folder.
+    Without a pulse or a record, the command computes, in closed form and by both equations,
+    the critical intensities of pulses right after each impact, and the sizes and the
+    restitution with which the given intensity just overturns the block. With a pulse or a
+    record, it finds the amplitude or factor that just lifts the block, and every boundary
+    between standing and overturning along a quantity. With --out it writes critical.csv and
+    critical.png.
 
     Example: jaxrock critical --width 0.2 --pulse sine --pulse-duration 0.5
 
@@ -62,14 +63,15 @@ def critical(
     intensity
         Change of ground velocity in each instantaneous pulse [m/s]. 0.15 if not given.
     half_cycles
-        Numbers of half-cycles in which instantaneous pulses are to overturn the block. 1, 2, 5
-        and inf if not given.
+        Numbers of half-cycles within which instantaneous pulses just overturn the block. 1, 2,
+        5 and inf if not given.
     along
         Quantity whose boundaries are sought. By default the amplitude of a pulse, or the
         factor on a record.
     values
-        Values to examine. If not given, factors of 1 to 50 times uplift, or amplitudes of 1 to
-        10 times uplift, and of 10 to 100 if there is no boundary among these.
+        Values to examine. If not given, factors from 1 to 50 times the one that just lifts the
+        block, or amplitudes from 1 to 10 times the one that just lifts it, and from 10 to 100
+        times if there is no boundary among these.
     model
         Equation of motion under a pulse or a record; nonlinear if not given.
     out

@@ -171,13 +171,13 @@ def _write_lines(
         lines.append(f"{SIZES_IN_WORDS[along]} of {search.block.slenderness:.6g}")
     listed = _shorten(str(boundaries))
     if search.values is not None:
-        hint = "" if boundaries.count else "; --values examines others"
+        hint = "" if boundaries.count else "; --values sets other values"
         return [*lines, f"{listed}{hint}"]
     end = f"{ends[1]:.4g} m/s2" if along == "amplitude" else f"factor {ends[1]:.4g}"
     end = f"{end}, {ends[1] / uplift:.3g} times uplift"
     if boundaries.count:
         return [*lines, listed, f"the search ended at {end}"]
-    return [*lines, f"the block stands up to {end}; --values examines others"]
+    return [*lines, f"the block stands up to {end}; --values sets other values"]
 
 
 def _describe_uplift(along: str, uplift: float) -> str:

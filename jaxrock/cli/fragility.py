@@ -72,9 +72,9 @@ def fragility(
         Increasing levels of the measure for the curves. If not given, 25 levels that suit the
         size of the block.
     threshold
-        Rotation ratios alpha_max / alpha_c [-], "uplift", "overturning".
+        Rotation ratios alpha_max / alpha_c [-], or the words "uplift" and "overturning".
     tolerance
-        Relative error of peak rotations that is allowed.
+        Allowed relative error of peak rotations.
     uncertain
         Coefficients of variation of uncertain parameters, as in restitution=0.05 width=0.02.
         Names are restitution, gravity, inertia_ratio, floor_period, floor_damping, and one

@@ -8,11 +8,12 @@ import numpy as np
 from ..block import Block
 from ..driven import uplift_acceleration
 from ..grids import as_axis, write_table
+from ..ground_motion import Harmonic
 from ..host import write_whole
 from ..impact import describe_assumed_restitution
 from ..resonance import as_model
 from ..spectra import add_size, harmonic_spectrum, lowest_stable_amplitude
-from ..validation import COUNT, UNIT_INTERVAL, check
+from ..validation import UNIT_INTERVAL, check
 from .answers import Answer, save_picture
 from .options import (
     Count,
@@ -48,9 +49,10 @@ def harmonic(
     """Map steady rocking on a harmonic floor, over its frequency and amplitude.
 
     The map shows where the block rocks steadily with one impact in every half period, whether
-    that motion is stable, how high the block rocks, and what it does elsewhere and from rest.
-    With a width, the axes are in Hz and m/s2. Without a width they are ratios, and the map
-    holds for every size of block. Writes harmonic.nc, harmonic.csv and harmonic.png.
+    this motion is stable, and how high the block rocks. Where it is not stable, the map shows
+    the outcome of a launch near it. The files also have the outcome of a start from rest. With
+    a width, the axes are in Hz and m/s2. Without a width they are ratios, and the map holds
+    for every size of block. Writes harmonic.nc, harmonic.csv and harmonic.png.
 
     Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45
 
@@ -74,7 +76,7 @@ def harmonic(
     model
         Equation of motion.
     cycles
-        Periods for which blocks are simulated.
+        Number of simulated periods of the floor.
     out
         Folder to write to; made if it is missing.
     """
@@ -89,7 +91,7 @@ def harmonic(
         )
     # Ratios do not depend on the size: 1 m stands in.
     block = size_options.make_block(1.0 if width is None else width, 5.0)
-    check("cycles", np.asarray(cycles), COUNT)
+    Harmonic(1.0, 1.0, cycles)  # raises if `cycles` is not allowed
     if restitution is not None:
         check("restitution", restitution, UNIT_INTERVAL)
     frequencies = _read_frequencies(block, frequency_ratio or ("1:12:45",), frequency)
@@ -195,11 +197,11 @@ def _describe_frequencies(dataset: "xarray.Dataset", lowest: "xarray.DataArray")
     for k in np.linspace(0, lowest.size - 1, count).round().astype(int):
         amplitude = float(lowest[k])
         if np.isnan(amplitude):
-            rocks = "does not rock on steadily"
+            rocks = "does not keep rocking steadily"
         elif amplitude > least:
-            rocks = f"rocks on from {amplitude:.3g} m/s2"
+            rocks = f"keeps rocking from {amplitude:.3g} m/s2 on"
         else:
-            rocks = f"rocks on at the lowest amplitude, {amplitude:.3g} m/s2"
+            rocks = f"keeps rocking at the lowest amplitude, {amplitude:.3g} m/s2"
         frequency = float(lowest.frequency[k])
         lines.append(f"at {frequency:.3g} Hz: {rocks}, lifted from rest at {uplift:.3g} m/s2")
     return lines

@@ -59,16 +59,16 @@ def inventory(
     Columns are name, width [m], height [m], and optionally depth [m], inertia ratio,
     restitution and restitution coefficient of variation, with lengths also in cm or mm.
     Objects against a wall have yes in a column one-sided. Objects on upper floors have a
-    floor period [s] and optionally a floor damping. A hazard of the ground must be given. For
-    each object the command gives the uplift intensity, the probability and the rate of
-    overturning, the most important parameter, and the width at this height from which on the
-    rate stays below the target. Where no restitution is given, the
-    rate is computed with a low and with a high one.
+    floor period [s] and optionally a floor damping. Give the hazard of the ground by --hazard.
+    For each object the command gives the uplift intensity, the probability and the rate of
+    overturning, the most important parameter, and the width that it needs at this height: with
+    it, and with any larger width, the rate stays below the target. Where no restitution is
+    given, the command computes the rate with a low and with a high one.
 
     Writes inventory.nc, inventory.csv, inventory.png and inventory.html, a page to print.
 
-    With the word example in place of a file it writes objects.csv and hazard.csv as well, to
-    be filled in, and assesses these.
+    Give the word "example" instead of a file to try it: the command then also writes
+    objects.csv and hazard.csv, assesses them, and you can replace their contents by your own.
 
     Example: jaxrock inventory objects.csv --hazard hazard.csv --target-return-period 2475
 
@@ -77,9 +77,9 @@ def inventory(
     file
         The file with the objects, or "example".
     target
-        The rate of overturning that is tolerated [1/yr]. Give this or its return period.
+        The tolerated rate of overturning [1/yr]. Give this or its return period.
     target_return_period
-        The years in which an object may overturn once: 1 over the target [yr].
+        The return period of the tolerated rate, 1 over the target [yr].
     measure
         Peak ground velocity [m/s] or acceleration [m/s2].
     level

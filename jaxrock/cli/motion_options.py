@@ -39,7 +39,7 @@ class RecordOptions:
     """Options that describe a record."""
 
     record: str | None = None
-    """File of a record, such as .AT2 or .csv, or "example" for the one of jaxrock."""
+    """File of a record, such as .AT2 or .csv, or "example" for the record in jaxrock."""
     unit: str | None = None
     """Unit of the record, if the file states none: m/s2, cm/s2, mm/s2, gal, g, %g or mg."""
     column: str | None = None
@@ -51,7 +51,8 @@ class RecordOptions:
     scale: float | None = None
     """Factor on the ground motion [-]; a negative one reverses it. 1 if not given."""
     floor_period: float | None = None
-    """Period of the floor on which the block stands [s]. On the ground if not given."""
+    """Period of the floor on which the block stands [s]. Without it, the block stands on the
+    ground."""
     floor_damping: float | None = None
     """Damping ratio of that floor [-]. 0.05 if not given."""
 
@@ -80,7 +81,7 @@ class RecordOptions:
                 vertical=self.vertical,
                 time_step=self.time_step,
             )
-        _refuse_stated_units("--record example has its", self.unit, self.time_step)
+        _refuse_stated_units("--record example states its own", self.unit, self.time_step)
         column = self.column or "north"
         if column not in ("north", "east") or self.vertical not in (None, "up"):
             vertical = f" and {self.vertical!r}" if self.vertical else ""
@@ -130,7 +131,7 @@ class MotionOptions(RecordOptions):
         if self.pulse is None and self.record is None:
             raise ValueError(
                 "--pulse or --record must be given, got neither; --record example takes the"
-                " record of jaxrock"
+                " record in jaxrock"
             )
         if self.pulse is not None and self.record is not None:
             raise ValueError(
@@ -164,7 +165,7 @@ class SuiteOptions:
     """Options that describe a suite of records, and the hazard of a site."""
 
     records: str = "example"
-    """Folder of records, "example" for jaxrock's twenty, or a set of FEMA P695:
+    """Folder of records, "example" for jaxrock's twenty, or a set of FEMA P695, such as
     fema-far-field."""
     unit: str | None = None
     """Unit of the records, if the files state none: m/s2, cm/s2, mm/s2, gal, g, %g or mg."""
@@ -176,7 +177,7 @@ class SuiteOptions:
     """Direction of the records. If not given: both for one-sided blocks, as recorded for
     others."""
     floor_period: float | None = None
-    """Period of the floor on which objects stand [s]. On the ground if not given."""
+    """Period of the floor on which objects stand [s]. Without it, they stand on the ground."""
     floor_damping: float | None = None
     """Damping ratio of that floor [-]. 0.05 if not given."""
     hazard: Path | None = None
@@ -252,7 +253,7 @@ def read_records(
                 f" {records!r}"
             )
         return read_suite(records, unit=unit, time_step=time_step, vertical=vertical)
-    _refuse_stated_units(f"--records {records} has its", unit, time_step)
+    _refuse_stated_units(f"--records {records} states its own", unit, time_step)
     if records == "example":
         return example_suite(vertical=vertical)
     if vertical:

@@ -159,7 +159,8 @@ class BlockOptions:
     width: float = 0.8
     """Full width 2b of the base [m]."""
     height: float | None = None
-    """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
+    """Full height 2a, twice the height of the centre of mass [m]. Give this or the
+    slenderness."""
     slenderness: float | None = None
     """Height over width [-]. 5 if neither is given."""
     restitution: float | None = None
@@ -218,8 +219,8 @@ class BlockOptions:
         by_size = float(compute_restitution_by_size(self.block))
         if by_size < 0 and self.one_sided:
             raise ValueError(
-                "restitution must be given for a one-sided block this stocky: the one that"
-                f" follows from size is {-by_size:.3g}, and it must be negative"
+                "restitution must be given for a one-sided block this stocky: by size it is"
+                f" {-by_size:.3g}, and it must be negative"
             )
         if by_size < 0:
             raise ValueError(
@@ -238,7 +239,8 @@ class SizeOptions:
     """Full width 2b of the base [m]. Without it the block is unknown, or its size does not
     matter."""
     height: float | None = None
-    """Full height 2a, twice that of the centre of mass [m]. Give this or the slenderness."""
+    """Full height 2a, twice the height of the centre of mass [m]. Give this or the
+    slenderness."""
     slenderness: float | None = None
     """Height over width [-]."""
     gravity: float | None = None

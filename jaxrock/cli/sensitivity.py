@@ -107,7 +107,7 @@ def sensitivity(
     seed
         Seed of the samples. 0 if not given.
     records
-        Folder of records, "example" for jaxrock's twenty, or a set of FEMA P695:
+        Folder of records, "example" for jaxrock's twenty, or a set of FEMA P695, such as
         fema-far-field.
     out
         Folder to write to; made if it is missing.

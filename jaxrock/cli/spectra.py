@@ -50,8 +50,8 @@ def spectrum(
     """Compute resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
 
     Writes spectrum.nc, spectrum.csv and spectrum.png. Give the values of the grid one by one,
-    or as START:STOP:COUNT. For many million points use --store: workers compute the store,
-    and it can be continued.
+    or as START:STOP:COUNT. For many million points use --store: several processes compute the
+    points, and the same command continues an unfinished store.
 
     Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
 
@@ -76,7 +76,7 @@ def spectrum(
         Equation of free rocking; auto takes the cheapest equation within the tolerance at
         each point.
     tolerance
-        Relative error that is allowed, for the model auto. 1e-3 if not given.
+        Allowed relative error, for the model auto. 1e-3 if not given.
     out
         Folder to write to; made if it is missing. "spectrum" if not given.
     """
@@ -148,8 +148,7 @@ def rocking_spectrum(
 ) -> Answer:
     """Compute the rocking spectrum of a record: peak rotation over the size of the block.
 
-    If no record is given, it is that of the example record. Writes
-    rocking_spectrum.nc, .csv and .png.
+    Without --record it uses the example record. Writes rocking_spectrum.nc, .csv and .png.
 
     Example: jaxrock rocking-spectrum --record example --scale 1.5
 

@@ -24,9 +24,9 @@ def tradeoff(
 ) -> Answer:
     """Measure error and time of each equation, solver and precision on this machine.
 
-    The block is under a pulse or a record, or with --intensity under the pulses of resonance.
-    By default it is under a short half-sine pulse. Writes tradeoff.nc, tradeoff.csv and
-    tradeoff.png.
+    The block is under a pulse or a record, or with --intensity under pulses right after each
+    impact. By default it is under a short half-sine pulse. Writes tradeoff.nc, tradeoff.csv
+    and tradeoff.png.
 
     Example: jaxrock tradeoff --record example
 

@@ -77,14 +77,15 @@ def validate(
         Seed of the splits and of the blocks.
     samples
         Number of blocks that are simulated under each motion, a power of 2. If not given,
-        8192 for up to 128 tests, 2048 from 512 on.
+        8192 for up to 128 tests, 4096 for up to 256, 2048 for more.
     prior
         Prior medians and their coefficients of variation: critical_angle=0.08:0.1 is 0.08 rad
         with a coefficient of 0.1.
     one_sided
         The block stands against a wall, and rocks away from it only.
     floor_period
-        Period of the floor on which the block stands [s]. On the ground if not given.
+        Period of the floor on which the block stands [s]. Without it, the block stands on the
+        ground.
     floor_damping
         Damping ratio of that floor [-]. 0.05 if not given.
     model
@@ -132,8 +133,9 @@ def validate(
     }
     if of_peaks:
         lines.append(
-            f"peak rotations, mean: CRPS {of_peaks['crps']:.4g} rad, distance of Kolmogorov and"
-            f" Smirnov {of_peaks['ks_distance']:.3f}, its p-value {of_peaks['ks_p_value']:.3g}"
+            f"peak rotations, mean: CRPS {of_peaks['crps']:.4g} rad, Kolmogorov-Smirnov"
+            f" distance {of_peaks['ks_distance']:.3f}, its p-value"
+            f" {of_peaks['ks_p_value']:.3g}"
         )
     text = "\n".join([*lines, str(fitted)])
     data = {

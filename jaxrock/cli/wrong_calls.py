@@ -191,19 +191,19 @@ def _describe_leftovers(
         # Behind an option whose values have been read.
         takes_none = names[last].hint is bool
         return (
-            f"{last} takes {'no value' if takes_none else 'one value'}, got {given} behind it"
+            f"{last} takes {'no value' if takes_none else 'one value'}, got {given} after it"
         )
     typed_names = {word.partition("=")[0] for word in words}
     options = [name for name in _SIZES if name in names and name not in typed_names]
-    example = "a value stands behind the name of its option"
+    example = "write a value after the name of its option"
     if any(_is_positional(argument) for argument in arguments):
         options = ["--hazard"] if "--hazard" in names else []
-        example = "other files stand behind the names of their options"
+        example = "write other files after the names of their options"
     if options and len(leftovers) <= len(options):
         typed = zip(options, leftovers, strict=False)
         example += f", such as {' '.join(f'{name} {word}' for name, word in typed)}"
     else:
-        example += f"; jaxrock {command} --help lists them"
+        example += f"; jaxrock {command} --help lists the options"
     return f"{given} has no option before it: {example}"
 
 

@@ -42,7 +42,7 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
     "period": ("period 2 pi / p of the block", "s", POSITIVE),
     "frequency_ratio": ("frequency of the pulse over p", "1", POSITIVE),
     "amplitude_ratio": (
-        "amplitude of the pulse over what just lifts the block",
+        "amplitude of the pulse over the one that just lifts the block",
         "1",
         NON_NEGATIVE,
     ),

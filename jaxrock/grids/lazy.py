@@ -109,7 +109,7 @@ def choose_chunks(
     for name in chunks:
         if name not in sizes:
             names = ", ".join(sizes)
-            raise ValueError(f"chunks must name dimensions of {names}, got {name!r}")
+            raise ValueError(f"chunks must have keys among {names}, got {name!r}")
     return {name: _cut_axis(name, chunks.get(name, -1), size) for name, size in sizes.items()}
 
 

@@ -22,7 +22,7 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `resonance_spectrum` or any other function of this package.
+        From `resonance_spectrum` or any other function of jaxrock that returns a dataset.
     path : str or path
 
     Raises
@@ -43,7 +43,7 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     """
     import xarray
 
-    hint = "; resonance_spectrum and other functions of grids give one"
+    hint = "; resonance_spectrum and other functions over grids give one"
     check_kind("dataset", dataset, xarray.Dataset, hint=hint)
     path = Path(path)
     with (

@@ -71,7 +71,7 @@ class Stored(Printed):
     taken_over: int
 
     def __str__(self) -> str:
-        return f"{self.path}: {self.chunks} chunks, {self.taken_over} of them taken over"
+        return f"{self.path}: {self.chunks} chunks, {self.taken_over} from an earlier run"
 
 
 def write_zarr(dataset: xarray.Dataset, path: str | Path) -> Stored:

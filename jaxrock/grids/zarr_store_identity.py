@@ -84,7 +84,7 @@ def _describe_difference(
             return (
                 f"belongs to another grid: its {name} is {there.attrs.get(name)}, not {value}"
             )
-    return "belongs to another grid: what it was computed from differs"
+    return "belongs to another grid: its inputs differ"
 
 
 def _format_lengths(variable: xarray.DataArray) -> str:

@@ -122,7 +122,7 @@ def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
         return None
     number = cast("Any", convert_to_si(name, value, "s") if carries_unit(value) else value)
     if is_traced(number) or np.ndim(number):
-        kind = "traced" if is_traced(number) else f"an array of shape {np.shape(number)}"
+        kind = "a tracer" if is_traced(number) else f"an array of shape {np.shape(number)}"
         raise ValueError(
             f"{name} must be one concrete number, since it decides the number of samples,"
             f" got {kind}"
@@ -142,7 +142,7 @@ def require_finer_step(floor: Floor, time_step: Reals) -> None:
     step = float(np.max(np.asarray(time_step)))
     if floor.time_step > step * (1 + _ROUNDING):
         raise ValueError(
-            f"time_step must be at most that of the record, {step:g} s, got"
+            f"time_step must be at most the step of the record, {step:g} s, got"
             f" {floor.time_step:g} s"
         )
 
@@ -263,7 +263,7 @@ def _choose_division(time_step: AnyArray, longest: float | None) -> int:
         return 1
     if is_traced(time_step):
         raise ValueError(
-            "time_step can only be given where that of the record is concrete, since the"
+            "time_step can only be given if the step of the record is concrete, since the"
             f" number of samples depends on both, got {longest:g} s"
         )
     step = float(time_step.max())

@@ -52,7 +52,7 @@ class Harmonic(Motion):
     Raises
     ------
     ValueError
-        If a concrete value is outside of what is allowed.
+        If a concrete value is out of range.
 
     Examples
     --------

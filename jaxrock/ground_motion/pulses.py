@@ -50,7 +50,7 @@ class Pulse(Motion):
     Raises
     ------
     ValueError
-        If a concrete value is outside of what is allowed.
+        If a concrete value is out of range.
 
     Examples
     --------

@@ -67,8 +67,8 @@ class Record(Motion):
     Raises
     ------
     ValueError
-        If a concrete value is outside of what is allowed, if the numbers of samples differ or
-        are less than two, if an array is empty, or if the unit is not understood.
+        If a concrete value is out of range, if the numbers of samples differ or are less than
+        two, if an array is empty, or if the unit is not understood.
 
     Examples
     --------

@@ -43,8 +43,8 @@ def find_directions(which: slice, recordings: int, directions: int) -> int:
     half = len(places) // 2
     if list(places[half:]) != [place + recordings for place in places[:half]]:
         raise ValueError(
-            "a slice of a suite in both directions must have one direction of each of its"
-            " records, or both directions of each in the order of the suite, got"
+            "a slice of a suite in both directions must take each of its records in one"
+            " direction only, or first all as recorded and then the same reversed, got"
             f" {which.start}:{which.stop}:{which.step}"
         )
     return 2

@@ -26,7 +26,7 @@ def refuse_times(name: str, rows: np.ndarray) -> None:
             raise ValueError(
                 f"{name} must have its samples along the last axis, got an array of shape"
                 f" {rows.shape} whose {word} {int(np.argmax(rises)) + 1} never falls, like times;"
-                f" pass only the {word}s of accelerations, one row each"
+                f" pass only the {word}s of accelerations, each as one row"
             )
 
 

@@ -231,7 +231,7 @@ class Suite(Printed, eqx.Module):
         # of levels would meet those of the scales.
         shape = np.shape(self.records[0].scale)
         if shape and levels.ndim:
-            raise ValueError(f"levels must be one where a scale is an array, here of {shape}")
+            raise ValueError(f"levels must be one level if scales are arrays, here of {shape}")
         measures = require_positive_measures(self, measure, block)
         return levels[(None,) * measures.ndim] / measures.reshape(
             *measures.shape, *[1] * levels.ndim
@@ -308,7 +308,7 @@ class Suite(Printed, eqx.Module):
         Warns
         -----
         UserWarning
-            As in `Record.on_floor`, for the record whose peak the straight lines miss by most.
+            As in `Record.on_floor`, for the record whose peak the straight lines miss most.
 
         Raises
         ------
@@ -334,7 +334,7 @@ class Suite(Printed, eqx.Module):
         )
         if floor.shape:
             raise ValueError(
-                "period, damping and participation must be those of one floor, got floors of"
+                "period, damping and participation must describe one floor, got floors of"
                 f" shape {floor.shape}"
             )
         motions = [

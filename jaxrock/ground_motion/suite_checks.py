@@ -50,8 +50,8 @@ def check_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
     if not_text:
         raise ValueError(f"names must be words, got {not_text[0]!r}")
     if len(words) != count:
-        counts = f"got {len(words)} names of {count} records"
-        raise ValueError(f"names must be as many as records, {counts}")
+        counts = f"got {len(words)} for {count} records"
+        raise ValueError(f"names must be one for each record, {counts}")
     twice = [name for k, name in enumerate(words) if name in words[:k]]
     if twice:
         raise ValueError(f"names must differ from each other, got {twice[0]!r} twice")

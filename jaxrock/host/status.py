@@ -41,7 +41,7 @@ _DESCRIPTIONS = {
     Status.LIST_FULL: "complete, but not all impacts are listed",
     Status.STOPPED: "ran out of steps, or could not go on",
     Status.INVALID: "an argument is out of range",
-    Status.BALANCED: "complete, but for a time in unstable balance",
+    Status.BALANCED: "complete; the block was in unstable balance for a time",
     Status.NOT_CONVERGED: "the search has not converged",
     Status.NOT_VALIDATED: "a check contradicts the answer of the search",
 }

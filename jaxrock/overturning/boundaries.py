@@ -146,7 +146,7 @@ def overturning_boundaries(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed.
+        If a concrete argument is not allowed.
 
     Notes
     -----

@@ -31,7 +31,7 @@ _HALVINGS = 0
 
 
 def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear()) -> Reals:
-    """Compute the smallest factor on a motion with which it lifts the block from rest.
+    """Compute the smallest factor with which a motion lifts the block from rest.
 
     With a larger factor the horizontal acceleration at some time exceeds (g + vertical)
     tan(alpha_c), or (g + vertical) alpha_c with `Linearized`: to either side, or away from
@@ -153,9 +153,7 @@ def critical_factor(
     # As in `critical_amplitude`: a boundary does not depend on where it was sought.
     uplift = jax.lax.stop_gradient(uplift_factor(block, motion, model=model))
     if not is_traced(uplift) and not np.isfinite(uplift).all():
-        raise ValueError(
-            "motion must lift the block with some factor, got one that does not with any"
-        )
+        raise ValueError("motion must lift the block at some factor, but no factor on it does")
     namespace = choose_namespace(uplift)
     factors = namespace.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
     search = Search("factor", model, max_boundaries, _HALVINGS)

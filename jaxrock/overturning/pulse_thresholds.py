@@ -232,7 +232,7 @@ def survival_windows(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed, or an integration did not finish.
+        If an argument is not allowed, or an integration did not finish.
 
     Examples
     --------

@@ -19,7 +19,7 @@ from .axes import (
 
 _LOOKS = (  # of the regions from 1 on
     ("0.88", "", "stable"),
-    ("w", "////", "not stable: rocks otherwise"),
+    ("w", "////", "not stable: rocks in another way"),
     ("0.62", "", "not stable: overturns"),
 )
 # Peaks span three powers of ten; matplotlib would space contours evenly, all at the top.

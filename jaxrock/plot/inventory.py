@@ -24,11 +24,11 @@ _LETTERS = 80  # of a line below the axis
 def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw the rates of overturning of objects, the highest on top, and the target.
 
-    A point is the rate, a line its interval (95 %), which covers the standard error and the
-    windows that were not detected. A hollow point is the rate with the low end of a
-    restitution that is assumed. Rates of less than a hundredth of the target stand at the edge.
-    Beside each object stands its size, and the width at this
-    height that it needs for the target. The sixty objects with the highest rates are drawn.
+    A point is the rate. A line is its interval (95 %), which covers the standard error, the
+    windows that were not detected and the levels beyond the last. A hollow point is the rate
+    with the low end of an assumed restitution. Rates of less than a hundredth of the target
+    stand at the edge. Beside each object stand its size and the width that it needs for the
+    target at this height. The sixty objects with the highest rates are drawn.
 
     Parameters
     ----------

@@ -37,13 +37,14 @@ def plot_boundaries(
 ) -> Axes:
     """Draw where a block stands and where it overturns, along a quantity.
 
-    Boundaries are labelled where there is room, the first one always; the axis says how many
-    are not.
+    Boundaries are labelled where there is room, the first one always. The axis says how many
+    are not labelled.
 
     Parameters
     ----------
     boundaries : Boundaries
-        Of one block, from `jaxrock.overturning_boundaries` or one of its relatives.
+        Of one block, from `jaxrock.overturning_boundaries`, `jaxrock.critical_amplitude`,
+        `jaxrock.critical_duration` or `jaxrock.overturning.critical_factor`.
     ends : tuple of two floats
         First and last of the values that were examined.
     ax : matplotlib.axes.Axes, optional

@@ -41,10 +41,9 @@ _HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:
     """Draw how far each parameter moves an answer within its range.
 
-    At an end without an answer, the figure says that the block overturns there. Where it
-    overturns with all parameters unchanged, the line from which bars begin stands beyond the
-    highest answer. Where it overturns
-    at all ends as well, a sentence stands instead of the bars.
+    At an end without an answer, the figure says that the block overturns there. If the block
+    overturns with all parameters unchanged, bars begin at a line beyond the highest answer. If
+    it overturns at all ends as well, a sentence replaces the bars.
 
     Parameters
     ----------

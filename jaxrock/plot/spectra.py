@@ -218,7 +218,7 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
 
     Each width has a curve. If a dimension has too many values to distinguish (more than 4
     panels a side, 7 curves, 500 points of a curve), an evenly chosen part of them is drawn,
-    and a line at the foot says how many of how many. `plot_curves` draws a single panel.
+    and a line at the foot says how many of all values that is. `plot_curves` draws one panel.
     Rotation ratios are drawn up to the overturning threshold, which is known in closed form.
 
     Parameters
@@ -317,7 +317,7 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     Each slenderness has a curve. Where the block overturns, a bar at the top replaces it, in
     the order of the legend. If there are too many values to distinguish (more than 4 panels,
     5 curves), an evenly chosen part of them is drawn, and a line at the foot says how many of
-    how many.
+    all values that is.
 
     Parameters
     ----------

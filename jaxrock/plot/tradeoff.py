@@ -18,8 +18,8 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draw a work-precision diagram: error against time, a mark for every setting.
 
     Colour and mark show the level of fidelity. The label of a line is the solver, or the
-    number of answers computed at once. A setting is on the front of its batch if no other
-    setting is faster and as accurate.
+    number of answers computed at once. A setting is on the front of its batch if no setting
+    that is at least as accurate is faster.
 
     Parameters
     ----------

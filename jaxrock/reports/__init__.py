@@ -1,4 +1,4 @@
-"""The paper regenerated, one block assessed, a table of objects."""
+"""Reports: the paper recomputed, one block assessed, a page about a table of objects."""
 
 from . import assessment, paper
 from .assessment import assess, assess_block

@@ -60,7 +60,7 @@ _SIDES = {
 
 
 def assess_block(block: Block, restitution: Number) -> Answers:
-    """Compute geometry and critical intensities of a block, whatever the pulses are.
+    """Compute geometry and critical intensities of a block, without a given intensity.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def assess_block(block: Block, restitution: Number) -> Answers:
     Returns
     -------
     dict
-        As that of `assess`, without what depends on the intensity of the pulses.
+        The dictionary of `assess`, except answers that depend on the intensity of the pulses.
 
     Raises
     ------
@@ -101,16 +101,16 @@ def assess(scene: Scene, tolerance: float | None = None) -> Answers:
     scene : Scene
         A single scene: all its values are numbers.
     tolerance : float, optional
-        Relative error that is allowed. With it, the answer also names the cheapest equation and
-        precision within it; see `choose`.
+        Allowed relative error. If given, the answer also names the cheapest equation and
+        precision within this error; see `choose`.
 
     Returns
     -------
     dict
-        A nested dictionary of numbers, NaN where a quantity does not exist. ``scene`` has what
-        does not depend on the model, ``models`` the answers of each model, and
-        ``linearization_error`` the ratio of `Linearized` to `Nonlinear`, minus 1. With a
-        tolerance there is ``choice``, which has text as well.
+        A nested dictionary of numbers, NaN where a quantity does not exist. ``scene`` has the
+        quantities that do not depend on the model, ``models`` the answers of each model, and
+        ``linearization_error`` the answers of `Linearized` over those of `Nonlinear`, minus 1.
+        With a tolerance there is ``choice``, which has text as well.
 
     Raises
     ------

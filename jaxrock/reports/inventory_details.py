@@ -46,12 +46,13 @@ def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
         **_name_places(dataset),
         "restitution": (
             "C",
-            "Restitution: velocity after an impact over the one before it, with its coefficient"
-            " of variation, or what was assumed where none was given, in brackets.",
+            "Restitution: velocity after an impact over velocity before it. In brackets its"
+            " coefficient of variation or, where none was given, how it was assumed.",
         ),
         "uplift_intensity": (
             f"uplift [{unit}]",
-            f"The {measure} from which on the block is lifted, the median over the records.",
+            f"The {measure} at which half of the records lift it, by the maximum-likelihood"
+            " lognormal curve.",
         ),
         "median": (
             f"median [{unit}]",
@@ -80,12 +81,13 @@ def _name_columns(dataset: "xarray.Dataset") -> dict[str, tuple[str, str]]:
         )
     columns["not_detected"] = (
         "not detected",
-        "Upper bound (95 %) of the change of the rate by windows that were not detected.",
+        "Upper bound (95 %) of the change of the rate by undetected survival or overturning"
+        " windows, and by levels beyond the last.",
     )
     columns["need"] = (
         "for the target",
-        "The width at this height from which on the rate stays below the target, in brackets"
-        " where the present one suffices.",
+        "The width that the target needs at this height: with it and with any larger width the"
+        " rate stays below the target. In brackets where the present width suffices.",
     )
     columns["most_important"] = (
         "matters most",

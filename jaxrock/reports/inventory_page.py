@@ -64,18 +64,18 @@ def write_inventory_page(
     Parameters
     ----------
     dataset : "xarray.Dataset"
-        Of `jaxrock.risk.assess_inventory`.
+        From `jaxrock.risk.assess_inventory`.
     pictures : sequence of bytes
-        PNG files, as of the axes of `jaxrock.plot.plot_inventory_parts`.
+        PNG files, such as those of the axes of `jaxrock.plot.plot_inventory_parts`.
     title : str, optional
         By default the number of objects.
     date : datetime.date, optional
-        Of the page; today by default.
+        Date of the page; today by default.
 
     Returns
     -------
     str
-        What to do first, then a row for each object; pictures and details behind.
+        The page: what to do first, a row for each object, then pictures and details.
     """
     number = dataset.object.size
     if title is None:
@@ -169,9 +169,9 @@ def _write_actions(dataset: "xarray.Dataset") -> str:
     )
     if "rate_at_low_restitution" in dataset:
         lines.append(
-            "Where two numbers of years stand, nobody has measured how much of its velocity the"
-            " object keeps at an impact, its restitution C. One is for the C of theory, mostly the"
-            " smaller number, the other for a low C."
+            "The restitution C of an object is the part of its velocity that it keeps at an"
+            " impact. Two numbers of years mean that nobody has measured C: one is for the C"
+            " of theory, mostly the smaller number, the other for a low C."
         )
     return "\n".join([*lines, "</p>"])
 

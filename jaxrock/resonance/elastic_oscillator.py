@@ -83,7 +83,7 @@ class Oscillator(Printed, Checked):
     @property
     @elementwise()
     def amplification(self) -> Reals:
-        """Stabilized displacement over that after one pulse, psi = 1 / (1 - B) (Eq. 23) [-].
+        """Stabilized over first displacement, after one pulse: psi = 1 / (1 - B) (Eq. 23) [-].
 
         It is inf without damping.
         """
@@ -202,8 +202,8 @@ def equivalent_damping(restitution: Number) -> Reals:
     """Compute the viscous damping ratio that is equivalent to a coefficient of restitution.
 
     Makris and Konstantinidis (2003, https://doi.org/10.1002/eqe.239) fit
-    ``beta = -0.34 ln(r)`` where r is the kinetic energy after an impact over that before it:
-    the square of C, the ratio of the velocities.
+    ``beta = -0.34 ln(r)``, where r is the kinetic energy after an impact over the kinetic
+    energy before it. It is the square of C, the ratio of the velocities.
 
     Parameters
     ----------

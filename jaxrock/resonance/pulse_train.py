@@ -77,9 +77,9 @@ class TrainResponse(Printed, eqx.Module):
     Attributes
     ----------
     velocity_ratio : Array, shape (pulses,)
-        Launch velocity over the critical velocity [-], for the motion after each pulse. A block
-        that left the ground with this velocity would move in the same way, and it lands with
-        it.
+        Launch velocity over the critical velocity [-], for the motion after each pulse. The
+        launch velocity is the one with which a block would have to leave the ground to move in
+        the same way. The block lands with the same velocity.
     side : Array, shape (pulses,)
         Side to which the block is rotated before each pulse, 1 or -1, 0 at rest.
     peak_rotation : Array

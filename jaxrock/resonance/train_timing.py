@@ -50,10 +50,10 @@ def timing_costs(
     -------
     dict
         Intensity [m/s] by timing: pulses at the impacts, pulses a fraction of a half-cycle
-        after them, and alternating pulses at the best of equal spacings. That spacing is found
-        to 0.5 %, and the intensity is high enough for a spacing that is wrong by as much. No
-        intensity exceeds that of a single pulse that overturns. NaN where the search did not
-        converge.
+        after them, and alternating pulses at the best of equal spacings. The best spacing is
+        accurate to 0.5 %, and the intensity is high enough for a spacing with this error. No
+        intensity exceeds the one with which a single pulse overturns the block. NaN where the
+        search did not converge.
 
     Raises
     ------

@@ -34,10 +34,10 @@ class WorstTrain(Printed):
     """The worst train of pulses that was found; see `worst_train`.
 
     If the status is COMPLETE, `respond_to_train` with `times`, `intensities` and the same
-    model overturns the block, or reaches `peak_rotation`. For this, `intensities` are those of
-    the worst train, raised by a relative 1e-6 (3.5e-4 in float32). For "most rotation" they
-    then exceed `largest`. `times` are those of the raised train. All other attributes
-    describe the train before it is raised. Do not change the intensities alone: the impacts
+    model overturns the block, or reaches `peak_rotation`. For this, the intensities of the
+    worst train are raised by a relative 1e-6 (3.5e-4 in float32), for "most rotation" beyond
+    `largest`. `times` and `intensities` describe this raised train, all other attributes the
+    train before it is raised. Do not change the intensities alone: the impacts
     of a stronger train come later, so that a pulse meant to come right after an impact would
     come before it, and slow the block.
 
@@ -65,7 +65,7 @@ class WorstTrain(Printed):
         Best objective reached from each start: the largest or total intensity [m/s], or the
         velocity after the last pulse over the critical one [-].
     history : ndarray, shape (starts, steps)
-        The same in each step of the descent.
+        Objective in each step of the descent from each start.
     goal : str
         Goal of the search.
     """

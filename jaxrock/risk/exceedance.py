@@ -23,7 +23,7 @@ NAMED_THRESHOLDS: dict[Threshold, float] = {"uplift": 0.0, "overturning": np.inf
 def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
     """Name the thresholds; a `ValueError` if they are not allowed."""
     if isinstance(thresholds, str) or not isinstance(thresholds, Iterable):
-        raise ValueError(f"thresholds must be a list of them, got {thresholds!r:.60}")
+        raise ValueError(f"thresholds must be a list, got {thresholds!r:.60}")
     names = [_name_threshold(threshold) for threshold in thresholds]
     if not names or len(set(names)) < len(names):
         listed = ", ".join(names) or "none"
@@ -226,7 +226,7 @@ def _compute_curve(
     falls = int((np.diff(mean) < 0).sum())
     if falls:
         places = f"{falls} level{'s' * (falls > 1)}"
-        remarks.append(f"at {places} fewer records exceed it than at the one below")
+        remarks.append(f"at {places} fewer records exceed it than at the next lower level")
     curves = (
         [curve]
         if len(counts) == 1

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 _LARGEST = 2**14  # responses that are simulated at once
 _USUAL = 2**11  # responses in a chunk of a lazy dataset
-_SUMS = "sums over boundaries of exceedance of powers 0, 1, 2 of ln(level), minus at its ends"
+_SUMS = "sums of ln(level)^k where exceedance begins, minus where it ends, for k = 0, 1, 2"
 # Type, long name and unit of the variables over record and level.
 _RESPONSES: dict[str, tuple[DataType, str, str]] = {
     "factor": (float, "factor on the record", "1"),
@@ -63,7 +63,7 @@ _RESPONSES: dict[str, tuple[DataType, str, str]] = {
     "margin": (float, "margin at the end of the input, overturns below 0", "1"),
     "impacts": (int, "number of impacts", "1"),
     "error": (float, "upper bound of the relative error of the peak rotation", "1"),
-    "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
+    "within_tolerance": (np.int8, "1 where the error is within the tolerance", "1"),
 }
 
 
@@ -128,10 +128,10 @@ def fragility(
         - Over threshold: ``lognormal_median``, ``lognormal_dispersion``, and a ``remark``,
           which says where the curve does not fit, since overturning is not monotone in the
           level. The curve is fitted to the levels at which each record begins or ceases to
-          exceed the threshold. Uplift is exact; the others are located between two levels.
+          exceed the threshold: exact for uplift, and located between two levels for others.
         - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
         - Over record and level: every response, and the factor on the record. Over record and
-          threshold: ``boundary_sums``, what the curve is fitted to.
+          threshold: ``boundary_sums``, the numbers to which the curve is fitted.
 
         With `uncertain` the responses have the dimension ``sample`` as well, and the
         probabilities are averaged over samples and records. The intervals treat the records as

@@ -26,7 +26,7 @@ _REFUSED = {
         r"|log(?=\s*\(|\s+(?:values?|units?|rates?|pg[av]|levels?))"
         r"|logarithmic\s+(?:values|rates|units))"
     ),
-    "what is not exceeded, where exceedance was expected": r"non[\s_-]*exceed\w*",
+    "non-exceedance, where exceedance was expected": r"non[\s_-]*exceed\w*",
 }
 _REFUSED_ABOVE_RATES = {
     "a probability above a column of rates": QUANTITIES["probability"].words,

@@ -26,12 +26,12 @@ _WORDS = {
     "floor_period": ("period of its floor, 0 on the ground floor", "s"),
     "floor_damping": ("damping ratio of its floor", "1"),
     "width": ("width of the base", "m"),
-    "height": ("height, twice that of the centre of mass", "m"),
+    "height": ("height, twice the height of the centre of mass", "m"),
     "slenderness": ("height over width", "1"),
     "inertia_ratio": ("inertia ratio", "1"),
     "restitution": ("restitution", "1"),
     "restitution_assumed": ("whether the restitution follows from size, none being known", ""),
-    "low_restitution": ("restitution at the lower end of what is likely, where assumed", "1"),
+    "low_restitution": ("low end of the likely restitutions, where assumed", "1"),
     "coefficient_of_variation": ("coefficient of variation of the restitution", "1"),
     "critical_angle": ("critical angle", "rad"),
     "uplift_intensity": ("median of the lognormal fragility curve of uplift", _OF_MEASURE),
@@ -43,17 +43,20 @@ _WORDS = {
     "rate": ("rate of overturning", "1/yr"),
     "rate_at_low_restitution": ("rate of overturning with the low restitution", "1/yr"),
     "standard_error": ("standard error of the rate, from record to record", "1/yr"),
-    "not_detected": ("upper bound of the change by windows that are not detected", "1/yr"),
-    "elasticity": ("change of the rate in % for 1 % more", "1"),
-    "required_width": ("width at this height from which on the rate is below the target", "m"),
+    "not_detected": (
+        "upper bound of the change by undetected windows and levels beyond the last",
+        "1/yr",
+    ),
+    "elasticity": ("elasticity: change of the rate in % for 1 % more", "1"),
+    "required_width": ("width beyond which the rate is below the target, same height", "m"),
     "required_width_is_bound": (
         "whether the required width is the narrowest that was examined, and may be less",
         "",
     ),
-    "required_width_reason": ("reason of the required width", ""),
-    "need": ("what the target needs, in words", ""),
+    "required_width_reason": ("reason for the required width", ""),
+    "need": ("change of width that the target needs, in words", ""),
     "most_important": ("parameter with the largest elasticity", ""),
-    "remark": ("what is exceptional", ""),
+    "remark": ("remark on the object", ""),
 }
 
 
@@ -147,7 +150,7 @@ def describe_need(answer: "xarray.Dataset") -> str:
         return f"needs {round_width_up(required):.2f} m"
     # The width is sought with the median of the restitution, whose uncertainty adds to the
     # rate.
-    return "misses the target by the uncertainty alone"
+    return "misses the target only because of the uncertainty"
 
 
 def round_width_up(width: float) -> float:

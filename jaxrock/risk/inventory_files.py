@@ -216,7 +216,7 @@ def _read_object(table: Table, row: Row, columns: dict[str, int]) -> _Object:
         raise table.error_of_width(row)
     name = row.cells[columns["name"]]
     if not name or re.fullmatch(_TOTALS, name, re.I):
-        reason = "leave out rows that are no object, as of totals, and rename others"
+        reason = "leave out rows of totals and the like, and give each object a name"
         raise table.text.error(f"a name was expected, got {name!r}: {reason}", row.line)
     one_sided = _read_flag(table, row, columns)
     values = {

@@ -48,8 +48,9 @@ def gather_objects(
         shape = np.broadcast_shapes(*shapes)
     except ValueError:
         raise ValueError(
-            "block and restitution must have shapes that broadcast,"
-            f" got {', '.join(map(str, shapes))}"
+            "block and restitution must have shapes that broadcast, got half_width,"
+            " slenderness, gravity, inertia_ratio and restitution of"
+            f" {', '.join(map(str, shapes))}"
         ) from None
     if len(shape) > 1:
         raise ValueError(
@@ -72,7 +73,7 @@ def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[s
     if not shape:
         raise ValueError("names must be left out for a single block")
     if isinstance(names, str):
-        raise ValueError(f"names must be a list of them, got {names!r:.60}")
+        raise ValueError(f"names must be a list, got {names!r:.60}")
     names = tuple(str(as_text(name)) for name in names)
     if len(names) != shape[0]:
         raise ValueError(f"names must be one for each of {shape[0]} objects, got {len(names)}")

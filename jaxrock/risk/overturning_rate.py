@@ -88,7 +88,7 @@ class OverturningRate(Printed, eqx.Module):
         ways = " in both directions" * (self.directions == 2)
         lines.append(f"standard error {error} from {records}{ways}")
         bound = format_number(self.not_detected, "1/yr")
-        changes = f"missed windows and levels beyond the last change it by {bound}"
+        changes = f"undetected windows, and levels beyond the last, change it by {bound}"
         lines.append(f"{changes} at most (95 %)")
         if self.sample_rates is not None:
             deviation = format_number(self.sample_rates.std(), "1/yr")

@@ -158,13 +158,13 @@ def required_value(
     Notes
     -----
     The rate at the value is computed to 1e-6, not interpolated, and does not exceed the
-    target. Far from the target it is estimated from part of the levels.
+    target. Rates far from the target are estimated from part of the levels.
 
     Under records the rate changes by a few per cent from one width to the next, as narrow
-    windows appear and disappear. Between the examined values it may exceed the target by as
-    much. In a test of 150 widths above the value, under the example suite, it exceeded the
-    target at 4 % of them, by up to 1.3 %, for one of two blocks.
-    A finer `resolution` finds such excursions.
+    windows appear and disappear. Between the examined values it may exceed the target by a few
+    per cent. A test with two blocks under the example suite computed the rate at 150 widths
+    above the value. For one block it exceeded the target at 4 % of these widths, by up to
+    1.3 %. A finer `resolution` finds such excursions.
 
     Derivatives with respect to the target, the block, the restitution and the hazard follow
     from the implicit function theorem and the derivatives of `overturning_rate`. They are NaN
@@ -215,7 +215,7 @@ def _check_search(along: str, side: str, resolution: float, model: ModelLike) ->
 def _check_bounds(bounds: tuple[Number, Number], along: str) -> tuple[np.ndarray, np.ndarray]:
     """Return both bounds as arrays; a `ValueError` if they are not allowed."""
     if len(bounds) != 2:
-        raise ValueError(f"bounds must be two values, low and high, got {len(bounds)}")
+        raise ValueError(f"bounds must be two values, low and high, got {len(bounds)} of them")
     for bound in bounds:
         check("bounds", as_real("bounds", bound), _QUANTITIES[along])
     low, high = (np.asarray(bound, float) for bound in bounds)

@@ -179,7 +179,7 @@ def require_single_scales(suite: Suite) -> None:
         shape = np.shape(record.scale)
         if shape:
             raise ValueError(
-                f"scales of records must be single ones, got an array of shape {shape} for"
+                f"scales of records must be single numbers, got an array of shape {shape} for"
                 f" {name!r}"
             )
 

@@ -22,7 +22,9 @@ def value_and_slopes(
     *,
     mask_beyond: bool = False,
 ) -> Callable[..., tuple[Array, Any]]:
-    """Differentiate an elementwise function at every element, as `jax.value_and_grad` at one.
+    """Differentiate an elementwise function at every element, not only at a single one.
+
+    For a single element, `jax.value_and_grad` does the same.
 
     Each function is compiled once. On a processor, large arrays are computed in chunks, so
     that intermediate results stay in its cache.

@@ -240,7 +240,7 @@ def _check_question(
     shape = Batch.of(block, restitution, motion).shape
     if shape:
         raise ValueError(
-            f"block, restitution and motion must be single ones, got arrays of shape {shape}"
+            f"block, restitution and motion must be single, got arrays of shape {shape}"
         )
     check_kind("uncertain", uncertain, Uncertain)
     check("scale", as_real("scale", scale, unit=""), POSITIVE)

@@ -27,9 +27,9 @@ class MomentEstimate(Printed):
         Fractions of the first-order variance, by parameter. Empty if parameters are
         correlated, since part of the variance then belongs to several of them.
     mean_error, standard_deviation_error, left_out : float
-        Errors of `mean` and `standard_deviation`, over the standard deviation: estimates from
-        the samples plus two standard errors of the estimates; inf if a sample has no answer.
-        And the fraction of samples without an answer.
+        Errors of `mean` and of `standard_deviation`, both divided by the standard deviation:
+        estimates from the samples plus two standard errors of the estimates; inf if a sample
+        has no answer. `left_out` is the fraction of samples without an answer.
     within_tolerance : bool
         Whether both errors are at most 0.1. They are larger where the answer is too nonlinear
         within the uncertainty, chaotic, or does not exist because the block overturns.
@@ -97,11 +97,12 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
 def monte_carlo(answer: Answer, at: Any, uncertain: Uncertain) -> np.ndarray:
     """Compute answers at samples of the parameters.
 
+    A histogram needs some 4,096 samples.
+
     Parameters
     ----------
     answer, at, uncertain
-        As in `propagate`; what it refuses is refused here as well.
-        A histogram needs some 4,096 samples.
+        As in `propagate`, with the same errors.
 
     Returns
     -------

@@ -60,14 +60,14 @@ class OutcomeInterval(NamedTuple):
         uncertainty = f"than the assumed uncertainty ({100 * self.uncertainty:.3g} %)"
         compared = f"{'nearer' if self.has_near_boundary else 'further away'} {uncertainty}"
         if np.isnan(self.low):
-            return f"{block} up to a scale factor of {self.high:.5g}, {compared}"
+            return f"{block} up to a scale factor of {self.high:.5g}, which is {compared}"
         if np.isnan(self.high):
-            return f"{block} from a scale factor of {self.low:.5g} on, {compared}"
+            return f"{block} from a scale factor of {self.low:.5g} on, which is {compared}"
         factors = f"{block} only for scale factors {self.low:.5g} to {self.high:.5g}"
         if self.high - self.low < self.uncertainty * self.scale:
             return f"{factors}, a range narrower {uncertainty}"
         if self.has_near_boundary:
-            return f"{factors}, of which one is {compared}"
+            return f"{factors}; one of these is {compared}"
         return f"{factors}, a range wider {uncertainty}"
 
 

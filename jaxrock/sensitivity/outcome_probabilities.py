@@ -195,8 +195,8 @@ def outcome_probabilities(
         ``amplitude`` and ``frequency`` of a `Harmonic`. At least one is needed, each with one
         coefficient of variation greater than 0, without correlations. Under one motion 4,096
         samples give indices to a few hundredths; with the default of 64 only probabilities
-        are accurate enough. For the Sobol indices, as many responses again are simulated for
-        each parameter, and once more.
+        are accurate enough. The Sobol indices of n parameters need n + 1 times as many further
+        responses.
     ratio : float
         Rotation ratio alpha_max / alpha_c [-] of the second outcome, greater than 0. A block
         that overturns exceeds it.
@@ -250,7 +250,7 @@ def outcome_probabilities(
     if not coefficients:
         raise ValueError("uncertain must name at least one parameter, got none")
     if any(np.ndim(leaf) for leaf in jax.tree.leaves((block, scene[0]))):
-        raise ValueError("block and restitution must be single ones, got arrays of them")
+        raise ValueError("block and restitution must be a single block and number, got arrays")
     parameters = list_medians(block, scene[0], coefficients)
     medians = {name: float(value) for name, value in parameters.items()}
     medians |= list_motion_medians(motion)

@@ -219,11 +219,11 @@ class Uncertain(Printed, eqx.Module):
         Raises
         ------
         ValueError
-            If a name is none of the parameters, or is of a floor and there is none; if
-            descriptions of a size are mixed; if there are more axes than one, or not a
-            coefficient for each object; if an inertia ratio falls below 1, or a critical
-            angle reaches pi / 2; if the coefficient of variation of a restitution is too
-            large: above 0 at a median of 1, or so large that the density has two peaks.
+            If a name is no parameter, or names a floor although there is none; if
+            descriptions of a size are mixed; if medians have more than one axis, or
+            coefficients are not one for each object; if an inertia ratio falls below 1, or a
+            critical angle reaches pi / 2; if the coefficient of variation of a restitution is
+            too large: above 0 at a median of 1, or so large that the density has two peaks.
 
         Examples
         --------
@@ -246,7 +246,7 @@ class Uncertain(Printed, eqx.Module):
         shape = medians[0].shape
         if len(shape) > 1 or shape == (0,):
             raise ValueError(
-                "block and restitution must be single ones or have one axis, of at least one"
+                "block and restitution must be single or have one axis, of at least one"
                 f" object, got shape {shape}"
             )
         for name, values in zip(self.names, self.coefficients, strict=True):

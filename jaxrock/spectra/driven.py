@@ -73,7 +73,7 @@ _VARIABLES: dict[str, tuple[DataType, str, str]] = {
 _ESTIMATES: dict[str, tuple[DataType, str, str]] = {
     "rtol": (float, "tolerance used for this block", "1"),
     "error": (float, "upper bound of the relative error of the peak rotation", "1"),
-    "within_tolerance": (np.int8, "1 where that is within the tolerance", "1"),
+    "within_tolerance": (np.int8, "1 where the error is within the tolerance", "1"),
 }
 
 
@@ -104,7 +104,7 @@ def rocking_spectrum(
     slenderness, critical_angle : array_like
         lambda [-] or alpha_c [rad] of the blocks: one of the two.
     restitution : array_like, optional
-        C [-]. By default that of Housner for each block, which adds no dimension.
+        C [-]. By default Housner's value for each block, which adds no dimension.
     gravity, inertia_ratio, one_sided : float, float, bool
         g [m/s2], kappa [-], and whether all blocks stand against a wall; see `Block`. For
         one-sided blocks the restitution is by default `one_sided_restitution`, and its axis
@@ -145,7 +145,7 @@ def rocking_spectrum(
     records = [*motion] if isinstance(motion, Suite) else [motion]
     if any(map(_is_several, records)):
         raise ValueError(
-            "motion must be a single motion, or a suite of such, got an array of motions"
+            "motion must be a single motion, or a Suite of records, got an array of motions"
         )
     if (slenderness is None) == (critical_angle is None):
         given = "neither" if slenderness is None else "both"

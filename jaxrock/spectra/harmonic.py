@@ -48,14 +48,14 @@ _DISTURBANCE = 1e-3
 
 _AXES = {  # long names
     "frequency_ratio": "frequency of the floor over p",
-    "amplitude_ratio": "amplitude of the floor over what just lifts the block",
+    "amplitude_ratio": "amplitude of the floor over the one that just lifts the block",
 }
 _VARIABLES = {  # long names and units
     "velocity_ratio": ("launch velocity over critical velocity", "1"),
     "rotation_ratio": ("peak rotation over critical angle", "1"),
     "phase": ("phase of the floor at an impact, after which rotation is positive", "rad"),
-    "trace": ("sum of both multipliers of the half-period map", "1"),
-    "multiplier": ("larger modulus of both multipliers", "1"),
+    "trace": ("sum of the two multipliers of the half-period map", "1"),
+    "multiplier": ("larger modulus of the two multipliers", "1"),
 }
 _FLAGS = {  # long names and meanings
     "region": (
@@ -102,9 +102,10 @@ def harmonic_spectrum(
     Returns
     -------
     xarray.Dataset
-        Has the dimensions frequency_ratio and amplitude_ratio, and of `harmonic_orbit` the
-        variables velocity_ratio, rotation_ratio, phase, trace and multiplier, NaN where there
-        is no orbit. The variable region is no_orbit or stable or, for an unstable orbit, the
+        Has the dimensions frequency_ratio and amplitude_ratio. The variables velocity_ratio
+        (launch velocity over critical velocity), rotation_ratio, phase, trace and multiplier
+        (the larger modulus) describe the motion of `harmonic_orbit`; NaN where there is no
+        orbit. The variable region is no_orbit or stable or, for an unstable orbit, the
         outcome of a block launched near it: symmetry_broken if it continues to rock in
         another way, overturned if it reaches pi / 2. The variable from_rest is the outcome of
         a block that starts from rest. All hold for every size of block.

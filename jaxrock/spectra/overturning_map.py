@@ -30,12 +30,12 @@ _BOUNDARIES: dict[str, tuple[Sequence[str], DataType, str]] = {  # dimensions, t
     "amplitude_ratio": (
         _PLANE,
         float,
-        "amplitude of the pulse over what just lifts the block",
+        "amplitude of the pulse over the one that just lifts the block",
     ),
     "overturns_beyond": (_PLANE, np.int8, "1 where the block overturns beyond the boundary"),
-    "impacts": (_PLANE, int, "impacts before it overturns, -1 for none"),
+    "impacts": (_PLANE, int, "impacts before it overturns, -1 if there is no boundary"),
     "overturns_first": (_LINE, np.int8, "1 where it overturns at the lowest amplitude"),
-    "count": (_LINE, int, "number of boundaries there are"),
+    "count": (_LINE, int, "number of all boundaries, listed or not"),
 }
 
 

@@ -42,7 +42,7 @@ _VARIABLES = {  # long name and unit
     "period": ("stabilized period", "s"),
     "amplification": ("stabilized peak rotation over peak after the first pulse", "1"),
     "overturning_margin": (
-        "energy left to the barrier over the barrier, overturns at 0 or less",
+        "missing energy over the energy barrier, overturns at 0 or less",
         "1",
     ),
     "overturning_half_cycle": ("first half-cycle that overturns, inf if none does", "1"),

@@ -4,8 +4,8 @@ import numpy as np
 
 from ..block import Block
 from ..grids import Values
-from ..impact import compute_restitution_by_size
-from ..validation import as_real
+from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size
+from ..validation import as_real, check
 
 
 def estimate_restitution(block: Block) -> np.ndarray | np.floating:
@@ -15,5 +15,6 @@ def estimate_restitution(block: Block) -> np.ndarray | np.floating:
 
 def take_magnitudes(restitution: Values) -> np.ndarray:
     """Take the magnitudes of restitutions of one-sided blocks, along an axis of a spectrum."""
-    as_real("restitution", restitution, unit="")  # raises for anything but numbers
+    # Raises for anything but allowed numbers, which axes of magnitudes would not know.
+    check("restitution", as_real("restitution", restitution, unit=""), ONE_SIDED_RESTITUTION)
     return np.abs(np.asarray(restitution, dtype=float))

@@ -91,7 +91,7 @@ class HarmonicOrbit(Printed, eqx.Module):
         names = [name for name in self.__dataclass_fields__ if name != "multipliers"]
         text = format_fields(self, **dict.fromkeys(names, "") | units)
         if not is_traced(self.below_uplift) and self.below_uplift.any():
-            text += "\nBelow uplift the motion continues once it has begun, but not from rest."
+            text += "\nBelow uplift the motion goes on once begun, but cannot begin from rest."
         return text
 
 

@@ -158,7 +158,10 @@ def check(name: str, value: object, domain: Domain | None) -> None:
     if outside.any():
         first = f"{float(values[outside].flat[0]):.9g}"
         if values.ndim:
-            first = f"{first} (first of {outside.sum()} such elements out of {outside.size})"
+            first = (
+                f"{first} (out of range: {outside.sum()} of {outside.size} elements,"
+                " this is the first)"
+            )
         raise ValueError(f"{name} must be {domain.allowed}, got {first}")
 
 

@@ -66,7 +66,7 @@ def convert_to_si(name: str, value: Any, unit: str | None) -> Any:
     angular = re.search(_ANGLES, carried, re.I) is not None
     if angular != (unit in ("rad", "rad/s")) and (angular or unit == "rad/s"):
         hint = "; a frequency f in Hz is 2 pi f rad/s" if unit == "rad/s" else ""
-        raise ValueError(f"{name} must be in {unit}, got {given}{hint}")
+        raise ValueError(f"{name} must be in the unit {unit}, got {given}{hint}")
     # As all of the packages read it: m/s**2 for m/s2, nothing for 1.
     target = "" if unit == "1" else re.sub(r"(?<=[a-z])(\d)", r"**\1", unit)
     try:

@@ -114,7 +114,7 @@ def test_the_commands_take_the_sets_by_name(capsys, tmp_path):
     assert json.loads(capsys.readouterr().out)["records"] == 44
     for more, said in (
         (["--with-vertical"], "--records fema-far-field has no vertical component"),
-        (["--unit", "g"], "--records fema-far-field has its unit and time step"),
+        (["--unit", "g"], "--records fema-far-field states its own unit and time step"),
     ):
         with pytest.raises(SystemExit):
             main([*words, "--records", "fema-far-field", *more])

@@ -207,7 +207,7 @@ HEADS_THAT_ARE_REFUSED = [
     ("# investigation time 50\nPGA [g],rate", {}, "1: .* names a number of years"),
     ("# log10 values\nPGA [g],rate", {}, "1: .*log10' .* names logarithms"),
     ("# ln\nPGA [g],poe in 50 years", {}, "1: .*ln' .* names logarithms"),
-    ("# frequency of non-exceedance\nPGA [g],rate", {}, "1: .* not exceeded"),
+    ("# frequency of non-exceedance\nPGA [g],rate", {}, "1: .* where exceedance was expected"),
     ("# units: m/s2\nPGA [g],rate", {}, "1: .* states m/s2, but levels are in g"),
     ("# PGA in m/s2\nPGA [g],rate", {}, "1: .* states m/s2, but levels are in g"),
     ("# peak ground velocity (m/s)\nPGV [cm/s],rate", {}, "1: .* states m/s, but"),

@@ -146,8 +146,8 @@ REFUSED = [
         "line 34: 6 values in columns of 10 characters were expected",
     ),
     ({"integers": {17: -32768}}, {}, "the header does not state the number of values"),
-    ({"integers": {1: 1}}, {}, "line 12: the first integer must be that for missing ones"),
-    ({"reals": {1: 1.0}}, {}, "line 18: the first real must be that for missing ones"),
+    ({"integers": {1: 1}}, {}, "line 12: the first integer must mark missing values"),
+    ({"reals": {1: 1.0}}, {}, "line 18: the first real must mark missing values"),
     ({"reals": {30: 66.13}}, {}, "line 23: the header states a peak of"),
     ({"reals": {30: 60.0, 32: -66.2}}, {}, "line 24: the header states a peak of"),
     (

@@ -95,10 +95,10 @@ class OutcomeFit(Printed, eqx.Module):
 
     @property
     def uncertain(self) -> Uncertain:
-        """The uncertain block of another test, for fragilities, rates and inventories.
+        """The block of a further test as an `Uncertain`, for fragilities, rates, inventories.
 
-        It does not include the lapse. Its deviation of the critical angle includes that of
-        groups.
+        It does not include the lapse. The deviation of its critical angle includes the
+        deviation between groups.
 
         Raises
         ------
@@ -250,7 +250,7 @@ class OutcomeFit(Printed, eqx.Module):
         Returns
         -------
         Array, shape (records,)
-            Or () for a single record [-].
+            Probabilities [-]; of shape () for a single record.
 
         Raises
         ------

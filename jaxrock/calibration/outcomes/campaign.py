@@ -138,7 +138,7 @@ def check_campaign(
     for name, record in zip(suite.names, suite, strict=True):
         if np.ndim(record.scale):
             raise ValueError(
-                "scales of records must be single ones, got an array of shape"
+                "scales of records must be single numbers, got an array of shape"
                 f" {np.shape(record.scale)} for {name!r}"
             )
     check_concrete((suite, overturned, peak_rotations, prior, gravity, inertia_ratio), OUTSIDE)

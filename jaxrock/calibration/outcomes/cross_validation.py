@@ -183,7 +183,7 @@ def _score(
     variables["probability"] = (
         ("predictor", "test"),
         mean,
-        _describe("probability of overturning, mean of splits without the test", "1"),
+        _describe("probability of overturning, mean of splits that did not fit the test", "1"),
     )
     variables["overturned"] = (
         "test",
@@ -208,7 +208,7 @@ def _score(
         "observed": "frequency of overturning",
         "observed_low": "lower end of the interval of the frequency",
         "observed_high": "upper end of the interval of the frequency",
-        "tests": "number of tests, each once",
+        "tests": "number of tests, each counted once",
     }
     for name, long_name in words.items():
         variables[name] = ("bin", getattr(reliability, name), _describe(long_name, "1"))
@@ -238,7 +238,7 @@ def _score(
     dataset = make_dataset("Predicted outcomes of tests", variables, coordinates, attributes)
     return add_names(
         dataset,
-        predictor=(PREDICTORS, "what predicts the outcome"),
+        predictor=(PREDICTORS, "predictor of the outcome"),
         test=(campaign.suite.names, "test"),
     )
 
@@ -278,8 +278,8 @@ def _score_peaks(
         scores[:, split] = np.mean(crps), compared.distance, compared.p_value
     words = {
         "crps": _describe("continuous ranked probability score of peaks", "rad"),
-        "ks_distance": _describe("distance of Kolmogorov and Smirnov of peaks", "1"),
-        "ks_p_value": _describe("p-value of Kolmogorov and Smirnov of peaks", "1"),
+        "ks_distance": _describe("Kolmogorov-Smirnov distance of peaks", "1"),
+        "ks_p_value": _describe("p-value of the Kolmogorov-Smirnov test of peaks", "1"),
     }
     variables: dict[str, Labelled] = {
         name: ("split", values, words[name])

@@ -59,7 +59,7 @@ def fit_outcomes(
     samples : int, optional
         Number of blocks in the sample, a power of 2 from 64 on. A quarter more is drawn from
         the prior, and more again if few blocks have weight. By default 8,192 for up to 128
-        tests, 2,048 from 512 on.
+        tests, 4,096 for up to 256, 2,048 for more.
     seed : int
         Seed of the Sobol points.
     model : Nonlinear or Linearized, or their names

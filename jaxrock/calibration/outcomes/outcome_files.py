@@ -60,7 +60,7 @@ class Outcomes(Printed, eqx.Module):
     groups : tuple of str, optional
         The group of each test, such as the earthquake.
     peak_rotations : Array, shape (tests,), optional
-        Largest rotation that was measured [rad]; NaN where it was not, or the block overturned.
+        Largest measured rotation [rad]; NaN where none was measured or the block overturned.
     """
 
     suite: Suite

@@ -118,7 +118,7 @@ class BatchResponse(Printed, eqx.Module):
         Number of impacts before overturning; -1 for a block that stands. One impact may come
         after the end of the input, if the block then overturns on the other side.
     status : Array of int
-        A `jaxrock.Status`: COMPLETE, or STOPPED or INVALID, where the real numbers are NaN.
+        A `jaxrock.Status`: COMPLETE, or else STOPPED or INVALID, with NaN instead of numbers.
     """
 
     peak_rotation: Reals
@@ -262,8 +262,8 @@ def respond_batch(
     Raises
     ------
     ValueError
-        If a concrete argument is outside of what is allowed, or shapes do not broadcast.
-        Traced values outside give NaN.
+        If a concrete argument is not allowed, or shapes do not broadcast. Traced values that
+        are out of range give NaN.
 
     Notes
     -----

@@ -84,8 +84,8 @@ class EstimatedResponse(Printed, eqx.Module):
         The responses, each computed at its own `rtol`.
     rtol : Array
         Tolerance `rtol` of `respond_batch` for each block, one of a few levels (1e-3, 1e-5, ...
-        1e-13; 1e-2 to 1e-5 in float32): one level tighter than requested, or the tightest level
-        where that was needed.
+        1e-13; 1e-2 to 1e-5 in float32): one level tighter than requested, or the tightest
+        level where the first one did not suffice.
     error : Array
         Estimated bound on the relative error of the peak rotation: three times the difference
         from a less accurate simulation, and at least four times `rtol`. If there are two such
@@ -135,7 +135,7 @@ def respond_within(
     Raises
     ------
     ValueError
-        If an argument is outside of what is allowed.
+        If an argument is not allowed.
 
     Notes
     -----
@@ -154,9 +154,10 @@ def respond_within(
     A response that diverges from its companions after its peak is not within tolerance, since
     a later peak may be higher.
 
-    In a test with 15 million random responses that were within tolerance, to records,
-    harmonic motions and pulses, none had another outcome or an error above the tolerance. 22
-    exceeded the stated error, whose safety factor was two at that time.
+    A test simulated random responses to records, harmonic motions and pulses. Of 15 million
+    that were within tolerance, none had another outcome or an error above the tolerance. The
+    safety factor was two at that time instead of three, and the real error of 22 responses
+    exceeded the stated one.
 
     The estimate excludes errors that all tolerances have in common: errors of the model, and
     of the rule by which a block comes to rest. The tests of jaxrock compare responses with

@@ -105,9 +105,10 @@ def respond(
     5. If a peak rotation or an extreme force is reached twice, it is the derivative at the
        first time. Each extreme is differentiated at the moment at which it is reached.
 
-    Values that do not exist are NaN, and diffrax keeps traced values. So outside of
-    transformations `respond` switches `jax.debug_nans` and `jax.checking_leaks` off while it
-    computes. If you call it under `jit`, switch them off yourself.
+    Two checks of JAX would raise errors although nothing is wrong: `jax.debug_nans`, since
+    values that do not exist are NaN, and `jax.checking_leaks`, since diffrax keeps traced
+    values. Outside of transformations `respond` switches both off while it computes. If you
+    call it under `jit`, switch them off yourself.
 
     Examples
     --------

@@ -81,8 +81,8 @@ def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None
         )
     if calibration != 1 and calibrated is None:
         raise ValueError(
-            f"calibrated must be given: {argument} has a stats.calib of {calibration:g}, and it"
-            " does not say whether its data are already multiplied by it"
+            f"calibrated must be given: {argument} has a stats.calib of {calibration:g}, and"
+            " does not state whether this factor is already in its data"
         )
     if not calibrated:
         factor *= float(calibration)

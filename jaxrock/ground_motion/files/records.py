@@ -97,7 +97,7 @@ def read_record(
         raise ValueError(f"column must be the name of a column, got {describe(column)}")
     for name, value in (("path", path), ("vertical", "" if vertical is None else vertical)):
         if not isinstance(value, str | os.PathLike):
-            raise ValueError(f"{name} must be one name of a file or column, got {value!r:.60}")
+            raise ValueError(f"{name} must name one file or one column, got {value!r:.60}")
     path = Path(path)
     claims = make_claims(unit, time_step)
     if path.suffix.lower() in TABLE_SUFFIXES:

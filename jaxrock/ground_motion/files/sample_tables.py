@@ -187,8 +187,8 @@ class SampleTable:
         unclear = self.times is not None and heads[self.times].name == "T"
         if unclear and any(map(_SPECTRUM.search, above)):
             raise self._error(
-                "'T' may be the periods of the spectrum of which the text above, another column or"
-                f" the name of the file speaks, and {way}: name the times 'time'"
+                "'T' may be periods: the text above, another column or the name of the file"
+                f" mentions a spectrum, and {way}: if 'T' is time, name it 'time'"
             )
 
     def _list_accelerations(self) -> list[int]:

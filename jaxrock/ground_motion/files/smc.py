@@ -49,7 +49,7 @@ def read_smc(text: TextFile, claims: Claims) -> list[Component]:
         missing = text.parse_number(word, at + 1)
         if not (missing < 0 if at == _INTEGERS else missing >= _NO_REAL):
             kind = "integer" if at == _INTEGERS else "real"
-            raise text.error(f"the first {kind} must be that for missing ones", at + 1)
+            raise text.error(f"the first {kind} must mark missing values", at + 1)
         header.read_numbers(at, count, columns, names, missing)
     if "rate" not in header.fields:
         raise text.error(
