@@ -305,7 +305,8 @@ def test_a_rule_is_finite_whatever_happened(intensity, overturned):
 
 def test_an_intensity_of_zero_is_refused():
     with pytest.raises(
-        ValueError, match=r"intensity must be finite and greater than 0, got 0 \(first"
+        ValueError,
+        match=r"intensity must be finite and greater than 0, got 0 \(out of range: 1",
     ):
         fit_intensity_rule(np.array([0.0, 0.3]), np.array([False, True]))
 

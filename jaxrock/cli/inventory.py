@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 _FILES = ("inventory.nc", "inventory.csv", "inventory.png", "inventory.html")
 # Relative distance of the levels at which outcomes are simulated: enough for a ranking.
 _SPACING = 0.04
+_LONGEST_NAME = 32  # letters of a name in the text; tables and pages have all of them
 _EXAMPLE_PERIOD = 2475.0  # years, 2 % in 50 years
 _EXAMPLE_HAZARD = "the one of the example, of no real place"
 
@@ -288,7 +289,11 @@ def _write_table(assessed: "xarray.Dataset") -> str:
         f" {1 / target:,.4g} years, under {name_records(assessed)};"
         f" {assessed.attrs['hazard_curve']}. needs: the width at this height for the target"
     )
-    table = format_table(title, [name[:19] for name in names], **columns)
+    short = [
+        name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 3]}..."
+        for name in names
+    ]
+    table = format_table(title, short, **columns)
     # The last column is as wide as its words.
     years = [f"  {describe_years(answer)}" for answer in answers]
     ends = ["", "  once in [yr]", *years]

@@ -231,7 +231,9 @@ ROWS = (
     Row("the default tolerance against 1e-13 on a record", "tests/test_choose.py", tolerances),
     Row("a million rotation ratios, linearized", SPEED, lambda: million(jr.Linearized())),
     Row("a million rotation ratios, nonlinear", SPEED, lambda: million(jr.Nonlinear())),
-    Row("the same with their four derivatives", SPEED, lambda: million(jr.Nonlinear(), True)),
+    Row(
+        "nonlinear, with their four derivatives", SPEED, lambda: million(jr.Nonlinear(), True)
+    ),
     Row(
         "100,000 critical intensities, nonlinear", "tests/benchmarks/critical.py", intensities
     ),
