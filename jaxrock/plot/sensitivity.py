@@ -35,6 +35,7 @@ _NEGATIVE = ListedColormap(_COLOURS(np.linspace(0.15, 0.5, 1021)))
 _MANY_TIMES = 4  # values that differ so much are coloured by their logarithms
 _STEPS = (1.0, 3.0)  # of logarithmic levels: the numbers of closer ones would meet
 _NAME_LENGTH = 28  # letters of a line of a name
+_SENTENCE_LENGTH = 60  # letters of a line of the sentence without bars
 _HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 
 
@@ -43,7 +44,8 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
 
     At an end without an answer, the figure says that the block overturns there. If the block
     overturns with all parameters unchanged, bars begin at a line beyond the highest answer. If
-    it overturns at all ends as well, a sentence replaces the bars.
+    it overturns at all ends as well, or if no parameter changes the answer, a sentence replaces
+    the bars.
 
     Parameters
     ----------
@@ -67,8 +69,8 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     check_result("bars", bars, TornadoBars, "tornado(answer, at, ranges)")
     if bars.reason_without_bars:
         ax = get_axes(ax, figsize=(6.4, 1.6))
-        words = f"No bars: the answer {bars.reason_without_bars}.".replace(
-            ": the block", ":\nthe block"
+        words = textwrap.fill(
+            f"No bars: the answer {bars.reason_without_bars}.", _SENTENCE_LENGTH
         )
         ax.text(0.5, 0.5, words, ha="center", va="center", transform=ax.transAxes)
         ax.set(xticks=[], yticks=[])
