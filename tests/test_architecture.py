@@ -1,7 +1,7 @@
-"""The rooms of the package: who may import whom, through which door, and how they are written."""
+"""The rooms of the package: who may import whom, through which door, and what each weighs."""
 
 import ast
-import inspect
+import collections
 import re
 import sys
 import tomllib
@@ -55,135 +55,76 @@ def test_imports_go_upwards_through_faces(path):
             assert ROOMS.index(name) < ROOMS.index(room), f"{name} stands below {room}"
 
 
-def test_files_are_of_a_size_to_be_read():
-    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
-    assert max(lines.values()) <= 450
-    assert sum(count > 400 for count in lines.values()) <= 3
-
-
-TESTS = {path: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")}
-
-
-def texts_of(room):
-    if room == "tests":
-        return list(TESTS.values())
-    return [TEXTS[path] for path in FILES if room_of(path) == room]
-
-
-def per_thousand(count, texts):
-    """How often something occurs in a thousand lines."""
-    return 1000 * sum(map(count, texts)) / sum(len(text.splitlines()) for text in texts)
-
-
-def parallel_assignments(text):
-    """`a, b = x, y`, where no right side needs the old value of a target: no swap."""
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Tuple | ast.List):
-            targets = [part for target in node.targets for part in getattr(target, "elts", [])]
-            for k, value in enumerate(node.value.elts):
-                read = {ast.unparse(part) for part in ast.walk(value)}
-                if {ast.unparse(target) for target in targets[:k]} & read:
-                    break
-            else:
-                if targets:
-                    yield ast.unparse(node)
-
-
-def names_of_any_type(text):
-    return len(re.findall(r"\bAny\b", text))
-
-
-def long_lines(text):
-    return sum(len(line) > 95 for line in text.splitlines())
-
-
-def comments(text):
-    return sum(line.strip().startswith("#") for line in text.splitlines())
-
-
-CODE = [room for room in ROOMS if room != "data"]
-HARD = ("numerics", "driven", "steady", "overturning", "calibration", "grids")
-# Per thousand lines, where a room has reason for more.
-MOST_OF_ANY = {"validation": 20}  # it is asked about whatever users pass
-MOST_LONG_LINES = {"tables": 16, "tests": 7}  # sentences with what may stand in a file
-FEWEST_COMMENTS = {"tests": 11} | dict.fromkeys(HARD, 40)
-
-
-@pytest.mark.parametrize("room", [*CODE, "tests"])
-def test_the_source_can_be_read(room):
-    texts = texts_of(room)
-    assert not [statement for text in texts for statement in parallel_assignments(text)]
-    assert per_thousand(names_of_any_type, texts) <= MOST_OF_ANY.get(room, 10)
-    assert per_thousand(long_lines, texts) <= MOST_LONG_LINES.get(room, 10)
-    assert per_thousand(comments, texts) >= FEWEST_COMMENTS.get(room, 20)
-
-
-def test_the_package_can_be_read():
-    assert per_thousand(comments, TEXTS.values()) >= 40
-    assert per_thousand(long_lines, TEXTS.values()) <= 5
-    riddles = re.compile(r'"""(What|Whether|How|Where|Which|When)\b')
-    assert not [path.name for path in FILES if riddles.search(TEXTS[path])]
-
-
-PLACEHOLDERS = {
-    "must",
-    "wrong",
-    "said",
-    "got",
-    "found",
-    "each",
-    "one",
-    "own",
-    "rest",
-    "others",
+# Code lines of each room: neither blank, comment nor docstring. These numbers may fall and not rise:  # noqa: E501
+# whoever adds to a room takes as much away from it, and whoever makes it smaller lowers its number.
+CODE_LINES = {
+    "block, body, impact, faces": 361,
+    "validation": 490,
+    "host": 431,
+    "tables": 1017,
+    "numerics": 774,
+    "resonance": 1755,
+    "ground_motion": 1482,
+    "ground_motion/files": 2135,
+    "driven": 3330,
+    "steady": 1004,
+    "overturning": 665,
+    "sensitivity": 1707,
+    "calibration": 1758,
+    "calibration/outcomes": 1745,
+    "accuracy": 644,
+    "grids": 789,
+    "spectra": 812,
+    "risk": 3432,
+    "plot": 1691,
+    "reports": 994,
+    "cli": 2887,
 }
 
 
-@pytest.mark.parametrize("room", CODE)
-def test_variables_are_called_what_they_are(room):
-    names = [
-        node.arg if isinstance(node, ast.arg) else node.id
-        for text in texts_of(room)
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.arg)
-        or (isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
-    ]
-    placeholders = [name for name in names if name in PLACEHOLDERS]
-    assert not placeholders
+def count_code_lines(text):
+    lines = text.splitlines()
+    documented = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            for statement in node.body:
+                value = getattr(statement, "value", None)
+                if isinstance(statement, ast.Expr) and isinstance(
+                    getattr(value, "value", None), str
+                ):
+                    documented.update(range(statement.lineno, statement.end_lineno + 1))
+    return sum(
+        bool(line.strip()) and not line.strip().startswith("#") and number not in documented
+        for number, line in enumerate(lines, 1)
+    )
 
 
-NO_VERBS = re.compile(
-    r"_*([a-z]+(?<!e)ed|about|along|at|beyond|by|in|of|on|over|under|until|while|within|with)(_|$)"
-)
-# Verbs, and quantities that have the word in their name.
-VERBS = {"stabilized", "exceed", "feed", "need", "proceed", "seed", "succeed"}
+def weighed_room_of(path):
+    """The room of a file: a package, or an inner package with a number of its own."""
+    packages = path.relative_to(PACKAGE).parts[:-1]
+    if not packages:
+        return "block, body, impact, faces"
+    inner = "/".join(packages[:2])
+    return inner if inner in CODE_LINES else packages[0]
 
 
-def functions(tree):
-    """Every function but properties, and methods that are called like an access: `x.at(t)`."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef):
-            decorators = {ast.unparse(each) for each in node.decorator_list}
-            if not any("property" in each for each in decorators):
-                yield node
-
-
-def test_functions_are_verbs():
-    """Neither participles nor prepositions; what is public has the name that users know."""
-    public = {name for room in [jr, *rooms()] for name in getattr(room, "__all__", ())}
+def test_no_room_gains_weight():
+    weights = collections.Counter()
     for path in FILES:
-        for node in functions(ast.parse(TEXTS[path])):
-            found = NO_VERBS.match(node.name)
-            if found and node.name not in public | PUBLIC_METHODS and found[1] not in VERBS:
-                raise AssertionError(f"{path.name}: {node.name}")
+        weights[weighed_room_of(path)] += count_code_lines(TEXTS[path])
+    heavier = {
+        room: lines for room, lines in weights.items() if lines > CODE_LINES.get(room, 0)
+    }
+    assert not heavier, f"more code lines than CODE_LINES allows: {heavier}"
+    lighter = {room: weights[room] for room in CODE_LINES if weights[room] < CODE_LINES[room]}
+    assert not lighter, f"CODE_LINES is to be lowered to {lighter}"
 
 
-# Constructors, accesses, and methods of public classes.
-PUBLIC_METHODS = {"of", "on_floor", "at", "at_rest", "scaled", "shifted", "bucketed"}
-
-
-def rooms():
-    return [getattr(jr, name) for name in dir(jr) if inspect.ismodule(getattr(jr, name))]
+def test_code_lines_are_counted():
+    text = (
+        '"""Two\n\nlines."""\n\nX = """\n\n"""\n# comment\ndef f():\n    """Doc."""\n    ...\n'
+    )
+    assert count_code_lines(text) == 4
 
 
 def test_a_class_has_a_name_of_its_own():

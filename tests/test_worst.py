@@ -16,7 +16,7 @@ BOTH = pytest.mark.parametrize(
 )
 
 
-def scipy_train(rocker, block, times, intensities):
+def scipy_train(rocker, block, times, intensities):  # noqa: C901
     """Peak rotation and whether it overturns: jumps of the velocity, SciPy's events between."""
     alpha = velocity = peak = 0.0
     side = 0

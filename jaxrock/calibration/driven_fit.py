@@ -113,7 +113,7 @@ class DrivenFit(Printed, eqx.Module):
         return "\n".join([*lines, *self.remarks])
 
 
-def fit_driven_rocking(
+def fit_driven_rocking(  # noqa: PLR0913
     time: Numbers,
     rotation: Numbers,
     block: Block,
@@ -198,7 +198,7 @@ def fit_driven_rocking(
     return _make_driven_fit(test, stage, block)
 
 
-def _check_test(
+def _check_test(  # noqa: PLR0913
     time: Numbers,
     rotation: Numbers,
     block: Block,

@@ -123,7 +123,7 @@ class ShakingTest(NamedTuple):
 
 
 @functools.partial(jax.jit, static_argnames="room")
-def _compute_rotations(
+def _compute_rotations(  # noqa: PLR0913
     known: dict[str, Reals],
     along: dict[str, Reals],
     times: Reals,

@@ -35,7 +35,7 @@ _UNITS = {
 }
 
 
-def critical(
+def critical(  # noqa: PLR0913
     *,
     intensity: float | None = None,
     half_cycles: tuple[float, ...] | None = None,

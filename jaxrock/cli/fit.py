@@ -27,7 +27,7 @@ _SUMMARY = (
 )
 
 
-def fit(
+def fit(  # noqa: PLR0913
     file: Path,
     *,
     frequency_unknown: bool = False,

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 _FILES = ("fragility.nc", "fragility.csv", "fragility.png")
 
 
-def fragility(
+def fragility(  # noqa: PLR0913
     *,
     measure: Literal["pgv", "pga", "pgv_ratio", "pga_ratio"] = "pgv",
     levels: Grid | None = None,

@@ -33,7 +33,7 @@ _FILES = ("harmonic.nc", "harmonic.csv", "harmonic.png")
 _MAX_LINES = 5  # of frequencies that are printed; JSON has all
 
 
-def harmonic(
+def harmonic(  # noqa: PLR0913
     *,
     restitution: float | None = None,
     frequency_ratio: Grid | None = None,

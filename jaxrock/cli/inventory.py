@@ -41,7 +41,7 @@ _EXAMPLE_PERIOD = 2475.0  # years, 2 % in 50 years
 _EXAMPLE_HAZARD = "the one of the example, of no real place"
 
 
-def inventory(
+def inventory(  # noqa: PLR0913
     file: Path,
     *,
     target: float | None = None,

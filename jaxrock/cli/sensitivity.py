@@ -52,7 +52,7 @@ _OF_SCENE = {
 }
 
 
-def sensitivity(
+def sensitivity(  # noqa: PLR0913
     *,
     answer: AnswerName | None = None,
     intensity: float | None = None,

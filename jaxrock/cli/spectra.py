@@ -32,7 +32,7 @@ _FILES = ("spectrum.nc", "spectrum.csv", "spectrum.png")
 _ROCKING_FILES = ("rocking_spectrum.nc", "rocking_spectrum.csv", "rocking_spectrum.png")
 
 
-def spectrum(
+def spectrum(  # noqa: PLR0913
     *,
     slenderness: Grid = ("3:10:141",),
     width: Grid = (0.4, 0.6, 0.8, 1.0, 1.2),
@@ -134,7 +134,7 @@ def spectrum(
             return answer(dataset, compute_overturned_fraction(dataset), files)
 
 
-def rocking_spectrum(
+def rocking_spectrum(  # noqa: PLR0913
     *,
     period: Grid = ("1:4:241", "4.05:8:80"),
     slenderness: Grid = (4.0, 6.0, 8.0),

@@ -35,7 +35,7 @@ _FIT_TIME = 0.6
 _FIT_TIME_OF_OUTCOME = 2e-6
 
 
-def validate(
+def validate(  # noqa: PLR0913
     file: Path,
     *,
     splits: Count = 40,

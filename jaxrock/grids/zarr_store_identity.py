@@ -54,7 +54,7 @@ def _is_equal(there: xarray.Dataset, dataset: xarray.Dataset, name: str) -> bool
     return ours.shape == theirs.shape and bool(np.array_equal(ours, theirs))
 
 
-def _describe_difference(
+def _describe_difference(  # noqa: C901
     there: xarray.Dataset, dataset: xarray.Dataset, arrays: Mapping[str, da.Array]
 ) -> str:
     """Describe the first difference of a store from a dataset, what explains most first."""

@@ -28,7 +28,7 @@ _SAME_MEDIAN = 0.02  # relative difference of medians of curves that are drawn o
 _MARKERS = ("^", "s", "D", "o", "v", "P", "X")
 
 
-def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
+def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:  # noqa: PLR0915
     """Draw fragility curves: probabilities of exceedance over the level, with intervals.
 
     Marks are counted probabilities, a line is the maximum-likelihood lognormal curve. For the

@@ -103,7 +103,7 @@ class WorstTrain(Printed):
         return "\n".join(lines)
 
 
-def worst_train(
+def worst_train(  # noqa: C901, PLR0913
     block: Block,
     restitution: Number,
     count: int,

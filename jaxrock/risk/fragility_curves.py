@@ -67,7 +67,7 @@ _RESPONSES: dict[str, tuple[DataType, str, str]] = {
 }
 
 
-def fragility(
+def fragility(  # noqa: PLR0913
     block: Block,
     restitution: Number,
     suite: Suite,

@@ -93,7 +93,7 @@ class Inventory(Printed, eqx.Module):
     floor_damping: Reals
     restitution_assumed: tuple[bool, ...] = eqx.field(static=True)
 
-    def __init__(
+    def __init__(  # noqa: PLR0913
         self,
         names: Sequence[str],
         block: Block,

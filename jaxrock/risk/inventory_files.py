@@ -171,7 +171,7 @@ def read_inventory(
     )
 
 
-def _find_columns(table: Table) -> dict[str, int]:
+def _find_columns(table: Table) -> dict[str, int]:  # noqa: C901
     """Find the column of each quantity; a `ValueError` if one is not understood."""
     if not table.heads:
         reason = (

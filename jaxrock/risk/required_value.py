@@ -102,7 +102,7 @@ class RequiredValue(Printed, eqx.Module):
         return self.reasons[0]
 
 
-def required_value(
+def required_value(  # noqa: PLR0913
     block: Block,
     restitution: Number,
     site: Site,
@@ -295,7 +295,7 @@ def _broadcast_to_objects(number: int, *arrays: Number) -> list[np.ndarray]:
         ) from None
 
 
-def _estimate_rates(
+def _estimate_rates(  # noqa: PLR0913
     objects: Objects,
     cases: Cases,
     along: str,

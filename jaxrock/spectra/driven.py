@@ -77,7 +77,7 @@ _ESTIMATES: dict[str, tuple[DataType, str, str]] = {
 }
 
 
-def rocking_spectrum(
+def rocking_spectrum(  # noqa: PLR0913
     motion: Motion | Suite,
     period: Values,
     slenderness: Values | None = None,
@@ -213,7 +213,7 @@ def _make_blocks(
     return block, as_real("restitution", c, unit=""), motion
 
 
-def overturning_spectrum(
+def overturning_spectrum(  # noqa: PLR0913
     shape: type[Pulse],
     frequency_ratio: Values,
     amplitude_ratio: Values,

@@ -39,7 +39,7 @@ _BOUNDARIES: dict[str, tuple[Sequence[str], DataType, str]] = {  # dimensions, t
 }
 
 
-def overturning_map(
+def overturning_map(  # noqa: PLR0913
     shape: type[Pulse],
     frequency_ratio: Values,
     amplitude_ratios: Sequence[float] = (1.0, 10.0),

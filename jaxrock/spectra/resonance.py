@@ -55,7 +55,7 @@ _MODEL = {  # attributes of the variable that says which model a point is comput
 }
 
 
-def resonance_spectrum(
+def resonance_spectrum(  # noqa: PLR0913
     slenderness: Values,
     width: Values,
     restitution: Values,

@@ -119,7 +119,7 @@ def _check_argument(
     check_kind(name, value, kind, hint=hint)
 
 
-def elementwise(
+def elementwise(  # noqa: C901
     *prepare: Callable[[dict[str, Any]], None],
     **declared: Domain | dataclasses.Field | Callable[..., object],
 ) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
@@ -156,7 +156,7 @@ def elementwise(
         else:
             converters[name] = declaration
 
-    def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:  # noqa: C901
         signature = inspect.signature(function)
         given = signature.parameters.items()
         kinds = {name: of.annotation for name, of in given if is_checked(of.annotation)}

@@ -23,7 +23,7 @@ def columns(values, form):
     return "".join(line + "\n" for line in lines)
 
 
-def channel(
+def channel(  # noqa: PLR0913
     values,
     number=1,
     text="360 deg",

@@ -24,7 +24,7 @@ def columns(values, single="%8.1f"):
     return "".join(line + "\n" for line in lines)
 
 
-def component(
+def component(  # noqa: PLR0913
     values,
     name="N28W",
     azimuth=332,

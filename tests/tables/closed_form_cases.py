@@ -195,7 +195,7 @@ def _critical_velocity(kind, blocks):
     return np.array([float(theirs(*_exact(block))) for block in zip(*blocks, strict=True)])
 
 
-def _cases():
+def _cases():  # noqa: C901
     def block_property(name):
         return lambda b, slenderness, g: getattr(jr.Block(b, slenderness, g), name)
 

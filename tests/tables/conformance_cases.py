@@ -602,7 +602,7 @@ def _half_unit(printed: str) -> float:
     return 0.5001 * 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
 
 
-def _driven(
+def _driven(  # noqa: PLR0913
     name: str,
     kind: str,
     wanted: dict[str, str],

@@ -119,7 +119,7 @@ class Campaign(NamedTuple):
         return np.pad(counts.astype(float), (0, self.room - len(counts)))
 
 
-def check_campaign(
+def check_campaign(  # noqa: C901, PLR0913
     suite: Suite,
     overturned: Flags,
     groups: Sequence[object] | None,

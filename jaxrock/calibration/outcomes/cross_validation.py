@@ -41,7 +41,7 @@ _SCORES = {
 }
 
 
-def cross_validate(
+def cross_validate(  # noqa: PLR0913
     suite: Suite,
     overturned: Flags,
     groups: Sequence[object] | None = None,

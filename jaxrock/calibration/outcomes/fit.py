@@ -17,7 +17,7 @@ from .population import unpack_population
 from .prior import PriorLike
 
 
-def fit_outcomes(
+def fit_outcomes(  # noqa: PLR0913
     suite: Suite,
     overturned: Flags,
     *,

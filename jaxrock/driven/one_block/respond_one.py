@@ -31,7 +31,7 @@ _SOLVERS = "Tsit5", "Dopri5", "Dopri8"
 _MAX_IMPACTS = 2048
 
 
-def respond(
+def respond(  # noqa: PLR0913
     block: Block,
     restitution: Number,
     motion: Motion,

@@ -36,7 +36,7 @@ class _Motion(NamedTuple):
     upward: tuple[Component, ...] | None
 
 
-def read_suite(
+def read_suite(  # noqa: C901
     source: StrPath | Iterable[StrPath],
     *,
     unit: str | None = None,
