@@ -43,7 +43,7 @@ LARGEST_FOLDER = 1e9  # bytes of programs that are kept from run to run
 LARGEST_AFTER_A_FILE = 0.7e9
 LARGEST_AFTER_A_TEST = 0.9e9
 
-collect_ignore = ["references", "tables", "tools"]  # no tests
+collect_ignore = ["benchmarks", "references", "tables", "tools"]  # no tests
 
 
 def pytest_addoption(parser):
@@ -51,6 +51,7 @@ def pytest_addoption(parser):
         "--precision", choices=("32", "64"), default="64", help="bits of a number"
     )
     parser.addoption("--devices", type=int, default=1, help="that the processor is made of")
+    parser.addoption("--shard", default="1/1", help="K/N: the K-th of N parts of the tests")
 
 
 def pytest_configure(config):
@@ -61,6 +62,7 @@ def pytest_configure(config):
         drop_oldest(Path(folder))
     # Registered, since hooks of this file are not called for examples in docstrings.
     config.pluginmanager.register(OpenPictures())
+    config.pluginmanager.register(Shard())
     if config.getoption("--devices") > 1:
         jax.config.update("jax_num_cpu_devices", config.getoption("--devices"))
 
@@ -81,6 +83,18 @@ class OpenPictures:
     def pytest_runtest_teardown():
         if "matplotlib.pyplot" in sys.modules:
             sys.modules["matplotlib.pyplot"].close("all")
+
+
+class Shard:
+    """Every N-th of the files with tests that markers have not left out: files share programs."""
+
+    @staticmethod
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(config, items):
+        shard, shards = map(int, config.getoption("--shard").split("/"))
+        files = sorted({item.path for item in items})[shard - 1 :: shards]
+        config.hook.pytest_deselected(items=[item for item in items if item.path not in files])
+        items[:] = [item for item in items if item.path in files]
 
 
 def drop_oldest(folder):

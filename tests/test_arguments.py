@@ -159,6 +159,7 @@ def test_a_restitution_and_an_intensity_that_are_likely_exchanged_get_a_warning(
     jr.Scene(BLOCK, restitution=0.15, intensity=0.7)  # by name it is meant
 
 
+@pytest.mark.thorough
 def test_a_batch_keeps_its_derivatives_in_forward_mode():
     """The refusal of reverse mode leaves them as they are, also where they are batched."""
 

@@ -544,6 +544,7 @@ def test_never_lifted_and_traced_bad_values():
     assert not shaken(samples, np.float32(-0.1), c).complete.any()
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_slope_to_a_sample_alone():
     """Of a record, and of one in a suite, where nothing else is traced."""

@@ -197,6 +197,7 @@ def test_second_derivatives_of_the_margin_on_a_record():
     np.testing.assert_array_less(np.abs(second - extrapolated), 1e-6 * scale)
 
 
+@pytest.mark.thorough
 def test_derivative_where_nothing_is_lost():
     """At C = 1 two margins vanish at once. From one-sided differences of four sizes."""
     block = jr.Block(0.2, 5.0)

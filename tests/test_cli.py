@@ -484,6 +484,7 @@ def test_fragility(tmp_path, capsys):
     assert len(parts) == 2
 
 
+@pytest.mark.thorough
 def test_a_wall_and_a_floor_reach_the_library(capsys, tmp_path):
     wall = ("--width", 0.6, "--height", 6, "--one-sided")
     motion = ("--record", "example", "--scale", -1, "--floor-period", 0.4)

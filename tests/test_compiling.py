@@ -333,16 +333,12 @@ def test_an_answer_of_another_length_is_a_limit(compiled):
 # many blocks, boundaries.
 OF_EACH_KIND = {
     "Record",
-    "choose",
     "critical_intensity",
     "critical_restitution",
     "half_cycle_velocity",
     "overturning_boundaries",
-    "resonance_spectrum",
-    "respond",
     "respond_batch",
     "rotation_ratio",
-    "sensitivities",
     "stabilized_period",
 }
 
@@ -391,11 +387,19 @@ def test_twenty_lengths_of_record_take_two_programs(call, compiled):
             ),
             marks=SLOW,
         ),
-        lambda motion: jax.jvp(
-            lambda c: jr.respond_batch(STOUT, c, motion, 2.0).peak_rotation, (0.3,), (1.0,)
+        pytest.param(
+            lambda motion: jax.jvp(
+                lambda c: jr.respond_batch(STOUT, c, motion, 2.0).peak_rotation,
+                (0.3,),
+                (1.0,),
+            ),
+            marks=SLOW,
         ),
-        lambda motion: jax.jacfwd(lambda c: jr.respond(STOUT, c, motion, 2.0).peak_rotation)(
-            0.3
+        pytest.param(
+            lambda motion: jax.jacfwd(
+                lambda c: jr.respond(STOUT, c, motion, 2.0).peak_rotation
+            )(0.3),
+            marks=SLOW,
         ),
         pytest.param(
             lambda motion: jax.grad(lambda c: jr.respond(STOUT, c, motion, 2.0).peak_rotation)(
@@ -505,6 +509,7 @@ def test_pulses_of_all_shapes_take_two_programs(compiled):
     assert programs_of_the_batch(compiled) == 2
 
 
+@pytest.mark.thorough
 def test_free_fits_of_all_kinds_take_one_program(compiled):
     """Of any number of times and peaks, with repairs and without."""
     slim = jr.Block(0.1, 5)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy.signal
 from scenes import record, suite
+from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -146,8 +147,8 @@ def test_free_vibration_ends():
 
 @pytest.mark.usefixtures("without_remarks")
 @pytest.mark.float64
-@pytest.mark.parametrize("period", [0.004, 0.0628, 0.063, 0.5, 100.0])
-@pytest.mark.parametrize("damping", [0.05, 1.0, 1.4])
+@pytest.mark.parametrize("period", first_by_default([0.0628, 0.004, 0.063, 0.5, 100.0]))
+@pytest.mark.parametrize("damping", first_by_default([0.05, 1.0, 1.4]))
 def test_derivatives_in_both_modes(period, damping):
     weights = np.cos(0.3 * np.arange(80))
 
@@ -175,6 +176,7 @@ def test_derivatives_in_both_modes(period, damping):
         assert float(forward[k]) == pytest.approx(float(difference), abs=tolerance)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("without_remarks")
 def test_floors_under_transformations():
     ground = record(200)
@@ -203,6 +205,7 @@ def test_a_step_that_is_too_coarse_is_remarked_on():
         suite().on_floor(0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("without_remarks")
 def test_a_suite_on_a_floor_keeps_its_ground(eps):
     plain = suite()
@@ -258,6 +261,7 @@ def test_a_part_of_both_directions_has_both_or_one():
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_both_directions_count_as_one_record():
     """A block that rocks to both sides does the same in both: nothing may change."""
@@ -299,6 +303,7 @@ def test_both_directions_count_as_one_record():
     assert str(intervals[1]).startswith("3 records in both directions, each with 64 samples")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("without_remarks")
 @pytest.mark.float64
 def test_the_floor_of_a_sample_is_its_own():

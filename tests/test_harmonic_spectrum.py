@@ -205,6 +205,7 @@ def test_chunks_change_nothing(monkeypatch):
         np.testing.assert_allclose(whole[name], parts[name], rtol=1e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_picture():
     ratios = np.array([1.0, 2.0, 3.0, 5.0])

@@ -384,6 +384,7 @@ def under_noise(noise_site):
     return inventory, assess_inventory(inventory, noise_site, NOISE_TARGET)
 
 
+@pytest.mark.thorough
 def test_an_object_has_the_bits_that_it_has_alone(under_noise, noise_site):
     inventory, together = under_noise
     for k, coefficient in ((0, 0.0), (1, 0.1)):
@@ -417,6 +418,7 @@ def test_rates_are_those_of_overturning_rate(under_noise, noise_site):
         assert float(answer.standard_error) == pytest.approx(error, rel=5 * tolerance)
 
 
+@pytest.mark.thorough
 def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
     """Each under its own motions, with the bits that it has in an inventory of such objects."""
     names = ("free", "wall on a floor", "floor", "free too")
@@ -618,6 +620,7 @@ def with_assumed():
     return site, assess_inventory(inventory, site, NOISE_TARGET)
 
 
+@pytest.mark.thorough
 def test_rates_at_both_ends_of_an_assumed_restitution(with_assumed):
     site, dataset = with_assumed
     for k, name in enumerate(NAMES):

@@ -33,6 +33,7 @@ def differentiate(function, medians, step=1e-4):
     return np.array(derivatives)
 
 
+@pytest.mark.thorough
 def test_a_narrow_interval_of_a_record():
     """The block stands between two factors that are 0.004 apart, and overturns beside them."""
     record = jr.example_record()

@@ -27,6 +27,7 @@ def equal(one, other):
     return one.dtype == other.dtype and one.tobytes() == other.tobytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "uncertain", [None, jr.Uncertain({"half_width": 0.1, "restitution": 0.05}, samples=4)]
 )

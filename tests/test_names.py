@@ -7,6 +7,7 @@ import jaxtyping
 import numpy as np
 import pytest
 import xarray
+from tools.selection import some_by_default
 
 import jaxrock as jr
 from jaxrock.calibration import fit_driven_rocking, fit_free_rocking
@@ -165,7 +166,19 @@ def strings(tree):
     return strings(vars(tree)) if hasattr(tree, "__dict__") else []
 
 
-@pytest.mark.parametrize("question", QUESTIONS)
+SMALL = {
+    "measure of a suite",
+    "factors",
+    "a record of a suite",
+    "unit",
+    "component",
+    "hazard",
+    "columns",
+    "variable",
+}
+
+
+@pytest.mark.parametrize("question", some_by_default(QUESTIONS, SMALL))
 def test_names_of_numpy_are_names(question):
     ask = QUESTIONS[question]
     answer = ask(np.str_)

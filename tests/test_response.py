@@ -371,7 +371,7 @@ def test_never_lifted_and_rest():
 
 
 @pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
-@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("sign", first_by_default([1, -1]))
 def test_in_balance(model, sign):
     """Nothing moves a block that is let go at the critical angle, and the status says so."""
     block = jr.Block(0.2, 5.0)
@@ -388,6 +388,7 @@ def test_in_balance(model, sign):
     np.testing.assert_array_equal(velocity, 0)
 
 
+@pytest.mark.thorough
 def test_balance_ends_where_the_input_begins():
     """A pulse of either sign, and a record of which the first samples are 0."""
     block = jr.Block(0.2, 5.0)
@@ -460,6 +461,7 @@ def test_history():
     assert r.history(np.zeros((2, 0)))[0].shape == (2, 0)
 
 
+@pytest.mark.thorough
 def test_lists_go_on(monkeypatch):
     """One after the other, from where the last one ended."""
 
