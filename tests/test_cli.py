@@ -163,15 +163,16 @@ def write_inputs(folder):
     (folder / "times.csv").write_text("0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n")
 
 
-def test_every_wrong_command_ends_with_one_sentence(capsys, tmp_path, monkeypatch):
+@pytest.mark.parametrize("part", first_by_default(range(4)))
+def test_every_wrong_command_ends_with_one_sentence(part, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_inputs(tmp_path)
     before = sorted(tmp_path.iterdir())
-    answers = {words: run(capsys, *shlex.split(words)) for words, _ in read_wrong_commands()}
-    assert len(answers) > 100
+    wrong_commands = read_wrong_commands()[part::4]
+    assert len(wrong_commands) > 25
+    answers = {words: run(capsys, *shlex.split(words)) for words, _ in wrong_commands}
     expected = {
-        words: (2, "", f"jaxrock: error: {sentence}\n")
-        for words, sentence in read_wrong_commands()
+        words: (2, "", f"jaxrock: error: {sentence}\n") for words, sentence in wrong_commands
     }
     assert answers == expected
     assert sorted(tmp_path.iterdir()) == before

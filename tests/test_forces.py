@@ -95,6 +95,7 @@ BEYOND_UPLIFT = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", first_by_default(list(BEYOND_UPLIFT)))
 def test_a_block_that_is_lifted_at_once_has_not_stood_still(kind):
     """It would have had the demand a / g = 0.41 in an instant of length 0."""

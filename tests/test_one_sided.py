@@ -286,6 +286,7 @@ def half_sine(duration, intensity=0.3):
     return jr.HalfSine(0.5 * np.pi * intensity / duration, duration)
 
 
+@pytest.mark.thorough
 def test_pulses_of_finite_duration():
     """The stabilized phase is a fixed point: half of a free-standing block's period."""
     pulse = half_sine(0.01)
@@ -306,6 +307,7 @@ def test_pulses_of_finite_duration():
     assert float(jr.steady.pulsed_next_velocity(WALL, C, half_sine(0.01, -0.3), 0.0)) == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("half_cycles", first_by_default([np.inf, 2]))
 def test_critical_pulses_become_instantaneous(half_cycles):
     expected = float(jr.critical_intensity(WALL, C, half_cycles, "nonlinear"))
@@ -319,6 +321,7 @@ def test_critical_pulses_become_instantaneous(half_cycles):
     assert abs(errors[1]) < 5e-3
 
 
+@pytest.mark.thorough
 def test_predicted_costs_are_those_of_the_wall():
     scene = jr.Scene(WALL, C, 0.3)
     predicted = jr.model_error(scene, jr.HalfSine, 0.02)
@@ -356,7 +359,7 @@ def test_measured_trade():
 # Spectra
 
 
-@pytest.mark.parametrize("model", [*MODELS, "auto"])
+@pytest.mark.parametrize("model", first_by_default([*MODELS, "auto"]))
 def test_resonance_spectrum(model):
     axes = ([5.0, 10.0], [0.4, 0.8], 0.2)
     free = jr.resonance_spectrum(*axes[:2], [0.4, 0.5], axes[2], model=model)
@@ -373,6 +376,7 @@ def test_resonance_spectrum(model):
     np.testing.assert_array_equal(lazy.period, wall.period)
 
 
+@pytest.mark.thorough
 def test_rocking_spectrum():
     """Blocks of the spectrum, made one by one; Housner's restitution is not theirs."""
     motion = record()
@@ -481,6 +485,7 @@ def halve(value):
     return 0.5 * np.asarray(value)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "ask",
     [
@@ -503,6 +508,7 @@ def test_period_through_every_tool(ask):
     np.testing.assert_allclose(wall, halve(ask(jr.Scene(FREE, -C, 0.3))), rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_failure_probability():
     """That the period is above 0.7 s, which that of a free-standing block always is."""
 
@@ -524,6 +530,7 @@ def test_uncertain_blocks_keep_the_wall():
     assert np.median(drawn.restitution) == pytest.approx(0.47, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_driven_answers_of_uncertain_blocks():
     probabilities = jr.sensitivity.outcome_probabilities(
         WALL, C, TOWARDS, UNCERTAIN, ratio=0.01
@@ -553,6 +560,7 @@ def test_driven_answers_of_uncertain_blocks():
 # Fits, reports, pictures
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_free_rocking_is_fitted(model):
     """Times between impacts with the decay of |C|, by trains: no impact law of this file."""
@@ -573,6 +581,7 @@ def test_free_rocking_is_fitted(model):
     assert float(fit.restitution) == pytest.approx(0.8, abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_assessment_names_the_wall():
     answers, free = (jr.assess(jr.Scene(block, 0.47, 0.3)) for block in (WALL, FREE))
     scene = answers["scene"]
@@ -591,6 +600,7 @@ def test_assessment_names_the_wall():
         assert period == pytest.approx(0.5 * without["stabilized"]["period"], rel=1e-12)
 
 
+@pytest.mark.thorough
 def test_pictures_show_the_wall(tmp_path):
     wall, free = (jr.plot.plot_block(block) for block in (WALL, FREE))
     assert len(wall.patches) == len(free.patches) + 1

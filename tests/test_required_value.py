@@ -135,7 +135,7 @@ def test_derivatives_by_the_implicit_function_theorem():
 @pytest.mark.parametrize(
     ("cycles", "objects"),
     [
-        (1, 1),
+        pytest.param(1, 1, marks=SLOW),
         pytest.param(1, 20, marks=[SLOW, pytest.mark.release]),
         pytest.param(2, 20, marks=[SLOW, pytest.mark.release]),
     ],
@@ -186,11 +186,17 @@ def test_against_brute_force(cycles, objects):
         ),
         ({"target": 1e-2}, 0.3, "width at this height: the rate is below 0.01 1/yr at all"),
         ({"along": "height", "side": "below", "bounds": (0.5, 5.0)}, None, "up to there the"),
-        ({"along": "height", "bounds": (0.5, 5.0)}, np.inf, "none: at the upper bound, 5 m,"),
-        (
+        pytest.param(
+            {"along": "height", "bounds": (0.5, 5.0)},
+            np.inf,
+            "none: at the upper bound, 5 m,",
+            marks=SLOW,
+        ),
+        pytest.param(
             {"along": "half_width", "bounds": (0.1, 2.0)},
             None,
             "half-width at this slenderness",
+            marks=SLOW,
         ),
         (
             {"along": "restitution", "bounds": (0.0, 1.0), "target": 5e-5},

@@ -239,6 +239,7 @@ def test_answers_by_critical_angle_and_frequency_parameter():
         np.testing.assert_allclose(at_end, float(ratio), rtol=1e-12)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_local_dependence_of_correlated_parameters():
     """Samples are correlated, and derivatives are those of single parameters."""

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 import pytest
 from references import stepping
+from tools.selection import some_by_default
 
 import jaxrock as jr
 
@@ -150,7 +151,7 @@ def assert_certificates(kind, seed, size, few):
     assert exceeded <= few
 
 
-@pytest.mark.parametrize("kind", list(KINDS))
+@pytest.mark.parametrize("kind", some_by_default(KINDS, {"windows", "pulses"}))
 def test_what_is_certified_is_true(kind):
     assert_certificates(kind, 1, 150 if kind in ("windows", "sines") else 1000, 0)
 
