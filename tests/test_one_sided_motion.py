@@ -193,6 +193,7 @@ def differentiate(function, at, step=1e-5):
     ]
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_derivatives_of_peaks_and_margins():
     at = np.array([0.2, 4.0, -0.45, 0.9])
@@ -213,6 +214,7 @@ def test_derivatives_of_peaks_and_margins():
                 np.testing.assert_allclose(reverse, forward, rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_derivatives_of_boundaries():
     """Of the first amplitude that overturns, after an impact, in both modes."""

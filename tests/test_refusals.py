@@ -7,6 +7,7 @@ leaves its calls out of a run in float32.
 """
 
 import builtins
+import functools
 import re
 from dataclasses import dataclass
 from functools import partial
@@ -94,10 +95,15 @@ class Refusal:
         return f"{self.table}-{' '.join(self.call.split())[:60]}"
 
     def ask(self):
-        names = dict(NAMES)
-        for name, value in self.definitions:
-            names[name] = eval(f"({value}\n)", names)
-        return eval(f"({self.call}\n)", names)
+        return eval(f"({self.call}\n)", dict(evaluate(self.definitions)))
+
+
+@functools.cache  # many calls have the same ones
+def evaluate(definitions):
+    names = dict(NAMES)
+    for name, value in definitions:
+        names[name] = eval(f"({value}\n)", names)
+    return names
 
 
 def read_refusals():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from references import stepping, train_search
 from scipy.integrate import solve_ivp
+from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -120,7 +121,9 @@ def test_the_papers_input_comes_out(model, count):
     assert worst.history.shape[0] == 10
 
 
-@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()], ids=repr)
+@pytest.mark.parametrize(
+    "model", first_by_default([jr.Linearized(), jr.Nonlinear()]), ids=repr
+)
 def test_a_worst_train_does_as_told_when_it_is_replayed(model):
     """With its own times and intensities; those that are just enough are a little smaller."""
     rng = np.random.default_rng(49)
