@@ -150,13 +150,9 @@ class Batch(eqx.Module):
         block, restitution, until, rotation, velocity = jax.tree.map(take, block_values)
         return Batch(block, restitution, ground, until, rotation, velocity)
 
-    def scaled(self, factor: Number, restitution: float = 1.0) -> "Batch":
-        """Multiply the motions by a factor, and the restitutions by another one."""
-        return replace(
-            self,
-            restitution=self.restitution * restitution,
-            ground=self.ground.scaled(factor),
-        )
+    def scaled(self, factor: Number) -> "Batch":
+        """Multiply the motions by a factor."""
+        return replace(self, ground=self.ground.scaled(factor))
 
     def advance(self, time: HostNumbers) -> "Batch":
         """Start the motions a time earlier [s], so that they are under way at time 0.
