@@ -244,13 +244,11 @@ def take_step(
     taken = jnp.where(lanes.moves, flight.time + bounce, jnp.where(lifted, wait, 0))
     # Sums that only compare two motions need no derivatives. Bounces after the block settles are
     # summed as a geometric series.
-    square, bounces, weight = jax.lax.stop_gradient(
-        (arriving * arriving, case.bounces, case.duration + begin + lanes.elapsed + taken)
-    )
+    weight = case.duration + begin + lanes.elapsed + taken
+    repeated = jnp.where(settles, case.bounces, 1)
     counts = flight.lands & before_end
-    energy = materialize(
-        jnp.where(counts, weight * jnp.where(settles, bounces, 1), 0) * square
-    )
+    energy = jnp.where(counts, weight * repeated * arriving * arriving, 0)
+    energy = materialize(jax.lax.stop_gradient(energy))
     return materialize(
         Lanes(
             interval=jnp.where(ended, intervals, interval),
@@ -292,18 +290,13 @@ def _settle(
     sideways = evaluate(push, impact_time)
     upward = evaluate(lift, impact_time) if lift else 0.0
 
-    def press(sideways: Reals) -> Reals:
-        return -equation.right_hand_side(
-            case.ground_sine, case.ground_cosine, sideways, upward
-        )
-
-    if equation.one_sided:
-        down = next_down = press(sideways)
-    else:
-        # The next bounce goes to the other side, those after it to either one. Gravity brings
-        # the block down slowest on the side to which the ground pushes.
-        down = press(jnp.abs(sideways))
-        next_down = press(-sideways)
+    # The next bounce goes to the next side, those after it to either one. Gravity brings the
+    # block down slowest on the side to which the ground pushes.
+    onward = side_after_impact(equation.one_sided, sideways)
+    strongest = onward if equation.one_sided else jnp.abs(sideways)
+    ground = case.ground_sine, case.ground_cosine
+    down = -equation.right_hand_side(*ground, strongest, upward)
+    next_down = -equation.right_hand_side(*ground, onward, upward)
     down, next_down, leaving = materialize((down, next_down, leaving))
 
     # Let the acceleration change by less than (1 - C) down / 8 until the bounces have ended.
