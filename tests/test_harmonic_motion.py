@@ -163,6 +163,41 @@ def test_batch_against_independent_integration(truth):
         np.testing.assert_allclose(mine[stands], theirs[stands], rtol=1e-7, atol=atol)
 
 
+@pytest.mark.float64
+@pytest.mark.parametrize("one_sided", [False, True])
+@pytest.mark.parametrize("size", [150, pytest.param(2000, marks=pytest.mark.thorough)])
+def test_impacts_that_stop_a_block(size, one_sided):
+    """With C = 0: lifted at once where the ground pushes back, and certified as it is."""
+    rng = np.random.default_rng(5)
+    half_width, slenderness, frequency = np.exp(
+        rng.uniform(*np.log([[0.02, 1, 0.3], [2, 10, 10]]), (size, 3))
+    ).T
+    block = jr.Block(half_width, slenderness, one_sided=one_sided)
+    frequency *= np.asarray(block.frequency_parameter)
+    amplitude = rng.uniform(1.05, 6, size) * 9.81 / slenderness
+    truth = stepping.follow(
+        stepping.Rocker(half_width, slenderness, 0.0, one_sided=one_sided),
+        harmonic(amplitude, frequency, 8),
+        0.0,
+        rtol=1e-11,
+    )
+    stands = ~truth.overturned
+    motion = Harmonic(amplitude, frequency, 8)
+    c = np.array([[0.0], [-0.0], [1e-310]])
+    for rtol in (1e-9, 1e-13):
+        found = jr.respond_batch(block, c, motion, rtol=rtol)
+        np.testing.assert_array_equal(found.overturned, [truth.overturned] * 3)
+        for mine, theirs in ((found.peak_rotation, truth.peak), (found.margin, truth.margin)):
+            expected = [theirs[stands]] * 3
+            np.testing.assert_allclose(mine[:, stands], expected, rtol=1e-5, atol=1e-6)
+    estimate = jr.respond_within(block, c, motion, 1e-6)
+    assert estimate.within_tolerance.all()
+    response = jax.tree.map(np.asarray, estimate.response)
+    np.testing.assert_array_equal(response.overturned, [truth.overturned] * 3)
+    error = np.abs(response.peak_rotation / truth.peak - 1)[:, stands]
+    assert (error <= np.asarray(estimate.error)[:, stands] + 1e-10).all()
+
+
 @pytest.mark.thorough
 @pytest.mark.float64
 def test_adaptive_against_independent_integration(truth):

@@ -269,10 +269,62 @@ def test_a_block_at_rest_forgets_a_small_push(solver, name):
     for pulse in (jr.Sine(4.0, 0.5), jr.Cosine(4.0, 0.5, start=0.2)):
         np.testing.assert_allclose(peak(1e-8, pulse), peak(0.0, pulse), rtol=1e-9)
         assert jax.jacfwd(lambda value, pulse=pulse: peak(value, pulse))(0.0) == 0
-    # One that the input lifts at once goes on from where it is.
-    pulse = jr.Cosine(4.0, 0.5)
-    slope = jax.jacfwd(lambda value: peak(value, pulse))(0.0)
-    np.testing.assert_allclose(slope, (peak(1e-7, pulse) - peak(0.0, pulse)) / 1e-7, rtol=1e-3)
+    # One that the input lifts at once goes on from where it is, to the side that is lifted.
+    for sign in (1, -1):
+        pulse = jr.Cosine(sign * 4.0, 0.5)
+        slope = jax.jacfwd(lambda value, pulse=pulse: peak(value, pulse))(0.0)
+        difference = (peak(sign * 1e-7, pulse) - peak(0.0, pulse)) / (sign * 1e-7)
+        np.testing.assert_allclose(slope, difference, rtol=1e-3)
+
+
+# Rotation and velocity at time 0 of a block that lands under a push of three times uplift: to
+# the side from which it came, to the side to which it goes, and before a push that lifts it.
+STOPPED = {"back": (0.05, -1.0, 0.0), "on": (-0.05, 1.0, 0.0), "rests": (0.05, -1.0, 0.2)}
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("name", list(STOPPED))
+def test_impacts_that_stop_a_block(name):
+    """With C = 0 it goes to the side that the ground lifts, at once: as in the limit of small C."""
+    rotation, velocity, start = STOPPED[name]
+    c = np.array([0.0, -0.0, 1e-310, 1e-200, 1e-100, 1e-20, 1e-13])
+    pulse = jr.Cosine(6.0, 0.5, start=start)
+    ground, settle = stepping.within(stepping.pulse("Cosine", 6.0, 0.5), [start], [0.5])
+    truth = stepping.follow(
+        stepping.Rocker(0.2, 5.0, 0.0), ground, settle, start=(rotation, velocity)
+    )
+    one = jr.respond(BLOCK, 0.0, pulse, 0.5, rotation=rotation, velocity=velocity, rtol=1e-11)
+    np.testing.assert_allclose(one.final_rotation, truth.rotation[0], rtol=1e-8)
+    for rtol in (1e-5, 1e-9, 1e-13):
+        found = jr.respond_batch(
+            BLOCK, c, pulse, 0.5, rotation=rotation, velocity=velocity, rtol=rtol
+        )
+        tolerance = max(10 * rtol, 1e-9)
+        np.testing.assert_allclose(found.peak_rotation, truth.peak[0], rtol=tolerance)
+        np.testing.assert_allclose(found.final_rotation, truth.rotation[0], rtol=tolerance)
+        np.testing.assert_allclose(found.margin, truth.margin[0], rtol=10 * tolerance)
+
+
+@pytest.mark.float64
+@pytest.mark.parametrize("solver", [jr.respond, jr.respond_batch])
+@pytest.mark.parametrize("name", list(STOPPED))
+def test_derivatives_where_impacts_stop_a_block(solver, name):
+    """With respect to C at 0, where it is one-sided: the limit of small C, as differences."""
+    rotation, velocity, start = STOPPED[name]
+    pulse = jr.Cosine(6.0, 0.5, start=start)
+
+    def final(c):
+        return solver(
+            BLOCK, c, pulse, 0.5, rotation=rotation, velocity=velocity, rtol=1e-12
+        ).final_rotation
+
+    step = 1e-5
+    difference = (4 * final(step) - 3 * final(0.0) - final(2 * step)) / (2 * step)
+    assert abs(difference) > 0.005
+    for c in (0.0, 1e-310, 1e-200, 1e-20, 1e-13, 1e-9):
+        np.testing.assert_allclose(jax.jacfwd(final)(c), difference, rtol=1e-6, atol=1e-9)
+    if solver is jr.respond:
+        np.testing.assert_allclose(jax.grad(final)(0.0), difference, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.float64

@@ -8,6 +8,7 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -62,32 +63,20 @@ class GroundMotions(eqx.Module):
     parts : tuple of GroundInput
         Inputs for a factor of 1. There is one, unless records are so many that they are
         followed in groups, for the sake of memory.
-    factor, length, start, end, motion : Array
-        See `MotionNumbers`.
+    numbers : MotionNumbers
+        The numbers that differ from block to block.
     begins : tuple of int
         The first record of each part.
     """
 
     parts: tuple[GroundInput, ...]
-    factor: HostNumbers
-    length: HostNumbers
-    start: HostNumbers
-    end: HostNumbers
-    motion: HostNumbers
+    numbers: MotionNumbers
     begins: tuple[int, ...] = eqx.field(static=True, default=(0,))
-
-    @property
-    def numbers(self) -> MotionNumbers:
-        """The numbers that differ from block to block."""
-        return MotionNumbers(self.factor, self.length, self.start, self.end, self.motion)
-
-    def replace_numbers(self, numbers: MotionNumbers) -> "GroundMotions":
-        """Return the same inputs for other blocks."""
-        return GroundMotions(self.parts, *numbers, begins=self.begins)
 
     def scaled(self, factor: Number) -> "GroundMotions":
         """Return stronger or weaker motions."""
-        return eqx.tree_at(lambda ground: ground.factor, self, self.factor * factor)
+        numbers = self.numbers._replace(factor=self.numbers.factor * factor)
+        return replace(self, numbers=numbers)
 
 
 def convert_motion(
@@ -111,10 +100,9 @@ def convert_motion(
         return _convert_suite(motion.records, axes, grouped)
     if isinstance(motion, RecordVariants):
         ground = _convert_suite(motion.records, axes, grouped)
-        numbers = ground.numbers
         variants = motion.records[0].acceleration.shape[0]
-        numbers = numbers._replace(motion=numbers.motion * variants + motion.which)
-        return ground.replace_numbers(numbers)
+        chosen = ground.numbers.motion * variants + motion.which
+        return replace(ground, numbers=ground.numbers._replace(motion=chosen))
     assert isinstance(motion, Record)
     return _convert_record(motion, grouped)
 
@@ -123,7 +111,8 @@ def _convert_pulses(
     ground: PulseInput, motion: Pulse | Harmonic, length: HostNumbers, end: HostNumbers
 ) -> GroundMotions:
     only = np.zeros((), ground.extent.dtype)
-    return GroundMotions((ground,), motion.amplitude, length, motion.start, end, only)
+    numbers = MotionNumbers(motion.amplitude, length, motion.start, end, only)
+    return GroundMotions((ground,), numbers)
 
 
 def _convert_record(record: Record, grouped: bool) -> GroundMotions:
@@ -142,9 +131,8 @@ def _convert_record(record: Record, grouped: bool) -> GroundMotions:
     counts = [samples[0].shape[-1]] * number
     parts, begins = _lay_out([part.reshape(-1) for part in samples], counts, grouped)
     motions = np.arange(number, dtype=samples[0].dtype).reshape(shape)
-    return GroundMotions(
-        parts, record.scale, record.time_step, record.start, end, motions, begins
-    )
+    numbers = MotionNumbers(record.scale, record.time_step, record.start, end, motions)
+    return GroundMotions(parts, numbers, begins)
 
 
 def _convert_suite(records: Sequence[Record], axes: int, grouped: bool) -> GroundMotions:
@@ -178,15 +166,14 @@ def _convert_suite(records: Sequence[Record], axes: int, grouped: bool) -> Groun
     parts, begins = _lay_out([join_samples(name) for name in names], counts, grouped)
     ends = [record.start + record._last_index * record.time_step for record in records]
     dtype = records[0].acceleration.dtype
-    return GroundMotions(
-        parts,
+    numbers = MotionNumbers(
         make_column([record.scale for record in records]),
         make_column([record.time_step for record in records]),
         make_column([record.start for record in records]),
         make_column(ends),
         make_column([np.asarray(k, dtype) for k in range(len(records))]),
-        begins,
     )
+    return GroundMotions(parts, numbers, begins)
 
 
 def _lay_out(

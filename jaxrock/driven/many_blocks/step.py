@@ -16,7 +16,7 @@ The state of a lane is `Lanes`; a step leads from one row of this table to anoth
                             shorter, to an impact, a       moves on the other side (on the
                             root of the polynomial         same one against a wall); or rests,
                                                            if all further bounces would end
-                                                           within the step (`_settles`)
+                                                           within the step (`_settle`)
                             of length 0 (`blocked`), if    moves, with a shorter `step_limit`
                             impact or peak are not
                             certain
@@ -93,7 +93,7 @@ class Lanes(eqx.Module):
     peak: PerBlock  # rotation
     impacts: CountPerBlock
     steps: CountPerBlock  # in motion
-    # Of the squared velocities after impacts while the input acts, weighted by time; see
+    # Of the squared velocities before impacts while the input acts, weighted by time; see
     # `ImpactSum`.
     impact_sum: PerBlock
     end_rotation: PerBlock  # at the end of the input, or now if that is earlier
@@ -207,9 +207,11 @@ def take_step(
     last_two = zip(path[-2:], control.last_terms, strict=True)
     path = (*path[:-2], *(part * factor for part, factor in last_two))
     flight = StepFlight.of(path, step, lanes.moves, lanes.peak, control.tolerance)
-    leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity))
-    settles = _settles(case, push, lift, flight.time, step, leaving, lanes.peak)
-    settles = materialize(flight.lands & settles)
+    arriving = jnp.abs(flight.velocity)
+    leaving = velocity_after_impact(case.restitution, arriving)
+    settles, bounce = _settle(case, push, lift, flight.time, step, leaving, lanes.peak)
+    settles = flight.lands & settles
+    settles, bounce = materialize((settles, jnp.where(settles, bounce, 0)))
 
     # Which row of the table each lane has come to.
     toppled = flight.highest >= TOPPLED_ROTATION
@@ -229,25 +231,24 @@ def take_step(
     velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
     rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
     # A block at rest that is not lifted at once stays there, whatever derivatives its initial
-    # state has: these become 0, and no value changes.
+    # state has: these become 0, and no value changes. Else they are of the lifted side.
     forgets = before_end & ~(lifted & (wait <= 0))
-    standing = lanes.rotation, lanes.velocity
-    standing = jax.tree.map(
-        lambda kept: jnp.where(forgets, jax.lax.stop_gradient(kept), kept), standing
-    )
-    rotation = jnp.where(lanes.moves, rotation, standing[0])
-    velocity = jnp.where(lanes.moves, velocity, standing[1])
+    turns = lanes.side * uplift_side
+
+    def stand(kept: Reals) -> Reals:
+        return jnp.where(forgets, jax.lax.stop_gradient(kept), turns * kept)
+
+    rotation = jnp.where(lanes.moves, rotation, stand(lanes.rotation))
+    velocity = jnp.where(lanes.moves, velocity, stand(lanes.velocity))
     impacts = lanes.impacts + flight.lands.astype(jnp.int32)
-    taken = jnp.where(lanes.moves, flight.time, jnp.where(lifted, wait, 0))
+    taken = jnp.where(lanes.moves, flight.time + bounce, jnp.where(lifted, wait, 0))
     # Sums that only compare two motions need no derivatives. Bounces after the block settles are
     # summed as a geometric series.
-    square, bounces, weight = jax.lax.stop_gradient(
-        (leaving * leaving, case.bounces, case.duration + begin + lanes.elapsed + taken)
-    )
+    weight = case.duration + begin + lanes.elapsed + taken
+    repeated = jnp.where(settles, case.bounces, 1)
     counts = flight.lands & before_end
-    energy = materialize(
-        jnp.where(counts, weight * jnp.where(settles, bounces, 1), 0) * square
-    )
+    energy = jnp.where(counts, weight * repeated * arriving * arriving, 0)
+    energy = materialize(jax.lax.stop_gradient(energy))
     return materialize(
         Lanes(
             interval=jnp.where(ended, intervals, interval),
@@ -268,7 +269,7 @@ def take_step(
     )
 
 
-def _settles(
+def _settle(
     case: Case,
     push: Coefficients,
     lift: Coefficients,
@@ -276,23 +277,27 @@ def _settles(
     step: Reals,
     leaving: Reals,
     peak: Reals,
-) -> Booleans:
-    """Return whether a block comes to rest after an impact, at a time in the step.
+) -> tuple[Booleans, Reals]:
+    """Return whether a block comes to rest after an impact, and how long its next bounce takes.
 
     It does if all further bounces, which are infinitely many, end within the step (Zeno), or
-    if the velocity `leaving` the impact is rounding. Under a constant acceleration `down` to
-    the ground a bounce takes 2 leaving / down, and all together take 2 leaving / ((1 - C)
-    down). Here that is bounded for an input that changes meanwhile.
+    if the velocity `leaving` the impact is rounding, or 0 as for C = 0, and nothing lifts the
+    block on the side to which it goes. Under a constant acceleration `down` to the ground a
+    bounce takes 2 leaving / down, and all together take 2 leaving / ((1 - C) down). Here that
+    is bounded for an input that changes meanwhile.
     """
     equation = case.equation
     sideways = evaluate(push, impact_time)
-    if not equation.one_sided:
-        # The next bounce may go to either side. Gravity brings the block down slowest on the
-        # side to which the ground pushes.
-        sideways = jnp.abs(sideways)
     upward = evaluate(lift, impact_time) if lift else 0.0
-    down = -equation.right_hand_side(case.ground_sine, case.ground_cosine, sideways, upward)
-    down, leaving = materialize((down, leaving))
+
+    # The next bounce goes to the next side, those after it to either one. Gravity brings the
+    # block down slowest on the side to which the ground pushes.
+    onward = side_after_impact(equation.one_sided, sideways)
+    strongest = onward if equation.one_sided else jnp.abs(sideways)
+    ground = case.ground_sine, case.ground_cosine
+    down = -equation.right_hand_side(*ground, strongest, upward)
+    next_down = -equation.right_hand_side(*ground, onward, upward)
+    down, next_down, leaving = materialize((down, next_down, leaving))
 
     # Let the acceleration change by less than (1 - C) down / 8 until the bounces have ended.
     # Each then takes a little longer: 3 instead of 2 leaving / ((1 - C) down) is ample.
@@ -311,11 +316,18 @@ def _settles(
     low = low & (leaving * leaving <= down * peak)
     ends = (share > 0) & (settled <= step) & steady & low
 
-    # Where the input all but lifts the block, `down` is rounding, and so is this velocity.
+    # A bounce with a velocity that is rounding has no root that could be located. Where the
+    # ground pushes the block back beyond uplift, it rests for that bounce only: the input
+    # lifts it at once. Where the input all but lifts the block, `next_down` is rounding, too.
     tiny = rounding_margin(leaving.dtype)
+    weight = equation.p_squared * case.ground_sine
     nothing = leaving <= tiny * equation.critical_velocity
-    level = -down <= 2 * tiny * equation.p_squared * case.ground_sine
-    return ends | (nothing & level)
+    pressed = next_down >= -2 * tiny * weight
+    # Not even for C = 0 is the time of that bounce without a derivative. Elsewhere it is at
+    # most rounding: unless the ground falls away with g, its deceleration is twice `weight`.
+    returns = (down < 0) & (next_down > 0.01 * weight)
+    bounce = jnp.where(returns, 2 * leaving / next_down, 0)
+    return ends | (nothing & pressed), bounce
 
 
 def _bound_slope(series: Coefficients, time: Reals) -> Reals:

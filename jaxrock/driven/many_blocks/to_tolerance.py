@@ -27,6 +27,7 @@ way, whether a block comes to rest.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -242,8 +243,10 @@ def _estimate(
     amplified |= not batch.ground.parts[0].intervals_end_steps
     (places,) = np.nonzero((error > tolerance) | amplified)
     if places.size:
-        part = batch.select(places).scaled(1 / slip, restitution=1 / slip)
-        companion = simulate(part, rtol, _SECOND_CHANGE)
+        part = batch.select(places).scaled(1 / slip)
+        # C = 0 changes as well: to a motion with bounces.
+        restitution = np.maximum(part.restitution / slip, slip - 1)
+        companion = simulate(replace(part, restitution=restitution), rtol, _SECOND_CHANGE)
         better = jax.tree.map(lambda leaf: leaf[places], best)
         least = max(_LEAST * rtol, slip - 1)
         second_bound = np.maximum(_bound_error(companion, better), least)

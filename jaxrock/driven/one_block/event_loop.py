@@ -268,12 +268,12 @@ def _wait(integration: Integration, state: State, stop: Reals) -> State:
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
     # A block that is not lifted at once stays at rest, whatever derivatives its initial state
-    # has: these become 0, and no value changes.
-    waits = until > state.time
+    # has: these become 0, and no value changes. Else they are of the lifted side.
+    turns = jnp.where(until > state.time, 0, side * state.side)
     return state._replace(
         time=until,
-        rotation=jnp.where(waits, 0, state.rotation),
-        velocity=jnp.where(waits, 0, state.velocity),
+        rotation=turns * state.rotation,
+        velocity=turns * state.velocity,
         side=jnp.where(lifted, side, state.side),
         phase=jnp.where(lifted, RISING, REST),
     )

@@ -228,11 +228,14 @@ def _apply_event(
     leaving = jnp.where(lands, velocity_after_impact(restitution, arriving), 0)
     zero = jnp.zeros_like(time)
     next_side = side_after_impact(equation.one_sided, before.side)
-    next_segment = integration.begin_segment(
-        time, next_side, integration.driven.motion.acts(time)
-    )
-    fixed = jax.lax.stop_gradient((next_segment, jnp.stack([zero, leaving])))
-    deceleration = -fixed[0].field(zero, fixed[1])[1]
+    acts = integration.driven.motion.acts(time)
+
+    def accelerate(side: Reals) -> Reals:
+        segment = integration.begin_segment(time, side, acts)
+        fixed = jax.lax.stop_gradient((segment, jnp.stack([zero, leaving])))
+        return fixed[0].field(zero, fixed[1])[1]
+
+    deceleration = -accelerate(next_side)
     # From the velocity v, bounces under a constant deceleration d take 2 v / d, 2 C v / d, ...
     # and end after 2 v / ((1 - C) d), although they are infinitely many (Zeno). The block is
     # at rest if that time is
@@ -249,8 +252,12 @@ def _apply_event(
     slow = leaving**2 <= 2 * integration.rtol**2 * deceleration * before.peak
     unresolved = 2 * leaving <= estimate_time_rounding(integration.driven.motion, time) * lost
     rests = lands & pressed & short & (slow | unresolved)
+    # Where the input is beyond uplift on the side that the block came from, it lifts the block
+    # when the next bounce ends: no value shows that, but the derivative with respect to C.
+    returns = rests & (accelerate(before.side) > 0)
+    bounce = 2 * (leaving - jax.lax.stop_gradient(leaving)) / jnp.where(returns, lost, 1)
     return before._replace(
-        time=time,
+        time=time + jnp.where(returns, bounce, 0),
         side=jnp.where(lands, next_side, before.side),
         rotation=jnp.where(lands, 0, rotation),
         velocity=jnp.where(rests, 0, jnp.where(lands, leaving, velocity)),
