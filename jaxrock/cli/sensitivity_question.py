@@ -55,12 +55,13 @@ class Question(NamedTuple):
 
     def make_ranges(self) -> dict[str, tuple[float, float]]:
         """Make the ranges of the tornado."""
-        low = 1 - self.relative_change
-        high = 1 + self.relative_change
-        ranges = {name: (value * low, value * high) for name, value in self.at.items()}
+        ranges = dict[str, tuple[float, float]]()
+        for name, value in self.at.items():
+            change = self.relative_change * abs(value)  # the amplitude may be negative
+            ranges[name] = (value - change, value + change)
         # Beyond 1 an impact would give energy to the block.
-        c = self.at["restitution"]
-        return ranges | {"restitution": (c * low, min(c * high, 1.0))}
+        low, high = ranges["restitution"]
+        return ranges | {"restitution": (low, min(high, 1.0))}
 
     def make_uncertain(self, samples: int, seed: int = 0) -> Uncertain:
         """Make all parameters uncertain."""

@@ -72,6 +72,8 @@ class DrivenAnswer(eqx.Module):
         As `check_answer` returns it.
     model : RockingModel
         Equation of motion.
+    scale : Array
+        Factor on the motion, whatever its amplitude is.
     """
 
     block: Block
@@ -81,6 +83,7 @@ class DrivenAnswer(eqx.Module):
     motion: Motion
     answer: str | AnswerOfResponse = eqx.field(static=True)
     model: RockingModel = eqx.field(static=True)
+    scale: Reals = eqx.field(converter=functools.partial(as_real, "scale", unit=""))
 
     @property
     def title(self) -> str:
@@ -119,9 +122,9 @@ class DrivenAnswer(eqx.Module):
 
     def _change_scene(self, parameters: Mapping[str, Number]) -> tuple[Number, Motion]:
         """Change restitution and motion to given values."""
-        motion = change_motion(self.motion, parameters)
-        if "scale" in parameters:
-            motion = motion.scaled(parameters["scale"])
+        # The scale last: an amplitude that is varied replaces the one that the motion has.
+        scale = parameters.get("scale", self.scale)
+        motion = change_motion(self.motion, parameters).scaled(scale)
         return parameters.get("restitution", self.restitution), motion
 
     def _choose_duration(self, motion: Motion) -> Reals:
