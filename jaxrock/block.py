@@ -18,7 +18,7 @@ from .body import (
     is_of_numpy,
     resolve_size,
 )
-from .host import Printed, format_derivatives, format_number
+from .host import Printed, format_number, format_outside
 from .numerics import angle
 from .validation import (
     AT_LEAST_ONE,
@@ -124,7 +124,7 @@ class Block(Printed, Checked):
         self.one_sided = as_flag("one_sided", one_sided)
 
     def __str__(self) -> str:
-        if words := format_derivatives(self):
+        if words := format_outside(self):
             return words
         parts = [
             f"half-width {format_number(self.half_width, 'm')}",

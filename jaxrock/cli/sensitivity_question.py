@@ -55,10 +55,9 @@ class Question(NamedTuple):
 
     def make_ranges(self) -> dict[str, tuple[float, float]]:
         """Make the ranges of the tornado."""
-        ranges = dict[str, tuple[float, float]]()
-        for name, value in self.at.items():
-            change = self.relative_change * abs(value)  # the amplitude may be negative
-            ranges[name] = (value - change, value + change)
+        part = self.relative_change
+        # An amplitude may be negative.
+        ranges = {name: (x - part * abs(x), x + part * abs(x)) for name, x in self.at.items()}
         # Beyond 1 an impact would give energy to the block.
         low, high = ranges["restitution"]
         return ranges | {"restitution": (low, min(high, 1.0))}

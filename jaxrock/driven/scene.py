@@ -6,7 +6,7 @@ import numpy as np
 
 from ..block import Block
 from ..ground_motion import Motion
-from ..host import Printed, format_derivatives, format_number
+from ..host import Printed, format_number, format_outside
 from ..impact import read_restitution
 from ..validation import (
     FINITE,
@@ -56,7 +56,7 @@ class DrivenScene(Printed, Checked):
 
     def __str__(self) -> str:
         return (
-            format_derivatives(self)
+            format_outside(self)
             or f"{self.block}\nrestitution {format_number(self.restitution)}\n{self.motion}"
         )
 

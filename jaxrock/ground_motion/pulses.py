@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..host import format_derivatives, format_number
+from ..host import format_number, format_outside
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -77,7 +77,7 @@ class Pulse(Motion):
         self.start = as_field(Pulse, "start", start)
 
     def __str__(self) -> str:
-        return format_derivatives(self) or (
+        return format_outside(self) or (
             f"{self.name} of {format_number(self.amplitude, 'm/s2')}, duration"
             f" {format_number(self.duration, 's')}, from {format_number(self.start, 's')} on"
         )

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..host import format_derivatives, format_number
+from ..host import format_number, format_outside
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -145,7 +145,7 @@ class Record(Motion):
                 )
 
     def __str__(self) -> str:
-        return format_derivatives(self) or (
+        return format_outside(self) or (
             f"record of {self.samples} samples, step {format_number(self.time_step, 's')},"
             f" from {format_number(self.start, 's')} on:"
             f" {format_number(self.acceleration, 'm/s2')}, scale {format_number(self.scale)}"

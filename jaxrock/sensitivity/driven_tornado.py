@@ -8,7 +8,7 @@ from ..block import SIDES, Block, size_of
 from ..driven import check_batch
 from ..ground_motion import Motion
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, as_name, as_real, as_text, check_kind
+from ..validation import Number, as_name, as_text, check_kind
 from .driven_answer import (
     AnswerOfResponse,
     DrivenAnswer,
