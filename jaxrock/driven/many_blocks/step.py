@@ -231,9 +231,9 @@ def take_step(
     # A block at rest that is not lifted at once stays there, whatever derivatives its initial
     # state has: these become 0, and no value changes.
     forgets = before_end & ~(lifted & (wait <= 0))
-    standing = lanes.rotation, lanes.velocity
     standing = jax.tree.map(
-        lambda kept: jnp.where(forgets, jax.lax.stop_gradient(kept), kept), standing
+        lambda kept: jnp.where(forgets, jax.lax.stop_gradient(kept), kept),
+        (lanes.rotation, lanes.velocity),
     )
     rotation = jnp.where(lanes.moves, rotation, standing[0])
     velocity = jnp.where(lanes.moves, velocity, standing[1])
