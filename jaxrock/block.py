@@ -347,7 +347,7 @@ def warn_of_size(name: str, value: AnyArray, stacklevel: int = 2) -> None:
     """Warn if a width or a height is hardly meant in metres; `stacklevel` is the caller's."""
     if is_traced(value):
         return
-    largest = float(np.max(np.asarray(value)))
+    largest = float(np.max(np.asarray(value), initial=0.0))
     if largest > LARGEST_SIZES[name]:
         warnings.warn(
             f"{name} is {largest:.4g} m: sizes are in metres", stacklevel=stacklevel + 1

@@ -13,7 +13,7 @@ from ..block import Block, block_of, size_of
 from ..driven import require_complete, respond, respond_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..resonance import RockingModel
-from ..validation import AnyArray, Number, Reals, as_field, as_name, as_real, as_text
+from ..validation import AnyArray, Number, Reals, as_field, as_name, as_real
 from .parameters import choose_description
 from .samples import make_drawn_blocks
 
@@ -55,10 +55,7 @@ def _name_fields(motion: Motion | Suite) -> tuple[str, ...]:
 
 def check_answer(answer: DrivenAnswerName | AnswerOfResponse) -> str | AnswerOfResponse:
     """Return an answer, given by its name or as a function; a `ValueError` if it is neither."""
-    name = as_text(answer)
-    if isinstance(name, str) or not callable(name):
-        return as_name("answer", name, ANSWERS)
-    return name
+    return answer if callable(answer) else as_name("answer", answer, ANSWERS)
 
 
 class DrivenAnswer(eqx.Module):

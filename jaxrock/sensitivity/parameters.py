@@ -156,7 +156,9 @@ def make_parametric(
 
 
 def check_ranges(ranges: Mapping[str, object]) -> None:
-    """Raise `ValueError` if what is given for a name are not two numbers."""
+    """Raise `ValueError` if no name is given, or what is given for one are not two numbers."""
+    if not ranges:
+        raise ValueError("ranges must not be empty: they name the parameters to vary")
     for name, value in ranges.items():
         # A unit would be lost: a name of a parameter does not tell its own.
         if carries_unit(value) or np.shape(as_real(name, value)) != (2,):
