@@ -18,7 +18,7 @@ from .body import (
     is_of_numpy,
     resolve_size,
 )
-from .host import Printed, format_derivatives, format_number
+from .host import Printed, format_number, format_outside
 from .numerics import angle
 from .validation import (
     AT_LEAST_ONE,
@@ -124,7 +124,7 @@ class Block(Printed, Checked):
         self.one_sided = as_flag("one_sided", one_sided)
 
     def __str__(self) -> str:
-        if words := format_derivatives(self):
+        if words := format_outside(self):
             return words
         parts = [
             f"half-width {format_number(self.half_width, 'm')}",
@@ -347,7 +347,7 @@ def warn_of_size(name: str, value: AnyArray, stacklevel: int = 2) -> None:
     """Warn if a width or a height is hardly meant in metres; `stacklevel` is the caller's."""
     if is_traced(value):
         return
-    largest = float(np.max(np.asarray(value)))
+    largest = float(np.max(np.asarray(value), initial=0.0))
     if largest > LARGEST_SIZES[name]:
         warnings.warn(
             f"{name} is {largest:.4g} m: sizes are in metres", stacklevel=stacklevel + 1

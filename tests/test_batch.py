@@ -17,7 +17,38 @@ from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.driven.many_blocks.step import Lanes
+from jaxrock.ground_motion import Pulse
 from jaxrock.host import map_in_threads
+
+
+class Hump(Pulse):
+    """A shape that users write, by what the docstring of `Pulse` asks for: a half-sine."""
+
+    extremes = (0.0, 0.5, 1.0)
+    area = 2 / np.pi
+    angle = np.pi
+    shape = staticmethod(lambda phase: jnp.sin(np.pi * phase))
+
+
+def test_a_pulse_of_another_shape():
+    block = jr.Block(0.1, 5.0)
+    pulse = Hump(3.0, 0.5)
+    assert str(pulse) == "pulse of 3 m/s2, duration 0.5 s, from 0 s on"
+    way_out = r"Hump has .*: Record\(pulse\.horizontal\(times\), time_step\)"
+    with pytest.raises(ValueError, match=way_out):
+        jr.respond_batch(block, 0.9, pulse)
+    peak = float(jr.respond_batch(block, 0.9, jr.HalfSine(3.0, 0.5)).peak_rotation)
+    record = jr.Record(pulse.horizontal(0.005 * np.arange(101)), 0.005)
+    assert jr.respond_batch(block, 0.9, record).peak_rotation == pytest.approx(peak, rel=1e-3)
+
+
+@pytest.mark.thorough
+@pytest.mark.float64
+def test_one_block_under_a_pulse_of_another_shape():
+    answers = [
+        jr.respond(jr.Block(0.1, 5.0), 0.9, kind(3.0, 0.5)) for kind in (Hump, jr.HalfSine)
+    ]
+    assert answers[0].peak_rotation == answers[1].peak_rotation > 0
 
 
 @pytest.mark.float64

@@ -15,4 +15,4 @@ def test_on_two_devices(pytestconfig):
         command, cwd=pytestconfig.rootpath, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
-    assert "2 passed" in done.stdout
+    assert "3 passed" in done.stdout

@@ -234,6 +234,12 @@ def test_the_boundary_is_the_critical_amplitude():
     local = jr.sensitivity.local_dependence(
         SLIM, 0.9, jr.HalfSine(3.7, 0.5), jr.Uncertain({"amplitude": 0.05})
     )
+    # Half as strong and scaled by 2, the pulse is the same, also where its amplitude varies.
+    doubled = jr.sensitivity.local_dependence(
+        SLIM, 0.9, jr.HalfSine(1.85, 0.5), jr.Uncertain({"amplitude": 0.05}), scale=2.0
+    )
+    assert doubled.value == local.value
+    assert doubled.left_out == local.left_out
     (critical,) = jr.critical_amplitude(SLIM, 0.9, jr.HalfSine, 0.5).value
     assert local.factor_high == pytest.approx(float(critical) / 3.7, rel=1e-9)
     assert np.isnan(local.factor_low)

@@ -109,6 +109,27 @@ def test_derivatives_print_as_derivatives():
     assert lines[2] == "d/d gravity -0.0134427 1/(m/s2)"
     assert lines[-1] == "d/d intensity 2.63745 1/(m/s)"
     assert "d/d" not in str(scene)
+    # Some of these derivatives are numbers that a scene may have, and 0 may be one as well.
+    for answer in (jr.overturning_margin, jr.launch_velocity, lambda scene: scene.intensity):
+        assert str(jax.grad(answer)(scene)).startswith("d/d half-width")
+        assert str(jax.grad(answer)(scene).block).startswith("d/d half-width")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("restitution", 1.4, "restitution 1.4"),
+        ("intensity", np.array([0.1, -0.1]), "intensity -0.1 to 0.1 m/s"),
+    ],
+)
+def test_a_number_outside_of_its_domain_is_no_derivative(name, value, text):
+    """Tree operations check nothing."""
+    for scene in (jr.Scene(BLOCK, 0.7, 0.1), jr.DrivenScene(BLOCK, 0.7, jr.Sine(3.0, 0.5))):
+        if hasattr(scene, name):
+            changed = eqx.tree_at(lambda s: getattr(s, name), scene, jnp.asarray(value))
+            assert str(changed) == f"outside of its domain: {text}"
+    turned = eqx.tree_at(lambda block: block.slenderness, BLOCK, jnp.asarray(-5.0))
+    assert str(turned) == "outside of its domain: slenderness -5"
 
 
 @pytest.mark.thorough

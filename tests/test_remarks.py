@@ -115,6 +115,7 @@ def test_sizes_that_are_hardly_meant_in_metres():
     with pytest.warns(UserWarning, match="width is 80 m: sizes are in metres"):
         jr.resonance_spectrum(5.0, [40.0, 80.0], 0.6, 0.15)
     jr.Block.from_size(width=30.0, height=100.0)
+    assert jr.Block.from_size(width=np.zeros(0), height=1.0).width.shape == (0,)
     jax.jit(lambda width: jr.Block.from_size(width=width, height=1.0).half_width)(600.0)
 
 

@@ -423,6 +423,15 @@ def test_a_driven_tornado_against_single_responses():
     response = jr.respond(changed, 0.8, pulse, pulse.end, model="linearized")
     row = bars.names.index("half_width")
     assert bars.at_high[row] == pytest.approx(float(response.margin), rel=1e-6)
+    # Half as strong and scaled by 2, the pulse is the same, whichever number is varied.
+    halves = shape | {"amplitude": (1.45, 1.55)}
+    doubled = jr.sensitivity.driven_tornado(
+        block, 0.8, pulse.scaled(0.5), halves, answer="margin", scale=2.0, model="linearized"
+    )
+    assert doubled.value == bars.value
+    np.testing.assert_array_equal(
+        [doubled.at_low, doubled.at_high], [bars.at_low, bars.at_high]
+    )
     with pytest.raises(ValueError, match=r"ranges must be one of .*, got 'mass'"):
         jr.sensitivity.driven_tornado(block, 0.8, pulse, {"mass": (1.0, 2.0)})
 

@@ -55,12 +55,12 @@ class Question(NamedTuple):
 
     def make_ranges(self) -> dict[str, tuple[float, float]]:
         """Make the ranges of the tornado."""
-        low = 1 - self.relative_change
-        high = 1 + self.relative_change
-        ranges = {name: (value * low, value * high) for name, value in self.at.items()}
+        part = self.relative_change
+        # An amplitude may be negative.
+        ranges = {name: (x - part * abs(x), x + part * abs(x)) for name, x in self.at.items()}
         # Beyond 1 an impact would give energy to the block.
-        c = self.at["restitution"]
-        return ranges | {"restitution": (c * low, min(c * high, 1.0))}
+        low, high = ranges["restitution"]
+        return ranges | {"restitution": (low, min(high, 1.0))}
 
     def make_uncertain(self, samples: int, seed: int = 0) -> Uncertain:
         """Make all parameters uncertain."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..block import Block
 from ..ground_motion import Motion
-from ..host import Printed, format_derivatives, format_number
+from ..host import Printed, format_number, format_outside
 from ..impact import read_restitution
 from ..validation import (
     FINITE,
@@ -55,10 +55,8 @@ class DrivenScene(Printed, Checked):
         self.motion = motion
 
     def __str__(self) -> str:
-        return (
-            format_derivatives(self)
-            or f"{self.block}\nrestitution {format_number(self.restitution)}\n{self.motion}"
-        )
+        text = f"{self.block}\nrestitution {format_number(self.restitution)}\n{self.motion}"
+        return format_outside(self) or text
 
 
 # A block that lies on its side has turned by pi / 2. In single precision that is rounded up to

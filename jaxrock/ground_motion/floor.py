@@ -33,6 +33,7 @@ from ..validation import (
     unify_precision,
 )
 from .oscillator_response import compute_absolute_accelerations
+from .samples import refuse_empty
 
 _Record = TypeVar("_Record", bound=Checked)
 
@@ -91,6 +92,7 @@ class Floor(Printed, Checked):
         self.period = as_field(Floor, "period", period)
         self.damping = as_field(Floor, "damping", damping)
         self.participation = as_field(Floor, "participation", participation)
+        refuse_empty(**vars(self))
         self.time_step = _read_time("time_step", time_step, POSITIVE)
         self.free_vibration = _read_time("free_vibration", free_vibration, NON_NEGATIVE)
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..host import format_derivatives, format_number
+from ..host import format_number, format_outside
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -82,7 +82,7 @@ class Harmonic(Motion):
         self.cycles = _check_cycles(cycles)
 
     def __str__(self) -> str:
-        return format_derivatives(self) or (
+        return format_outside(self) or (
             f"{self.name} of {format_number(self.amplitude, 'm/s2')}, frequency"
             f" {format_number(self.frequency, 'rad/s')}, for {self.cycles}"
             f" period{'s' * (self.cycles > 1)} from {format_number(self.start, 's')} on"

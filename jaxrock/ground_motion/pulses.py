@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..host import format_derivatives, format_number
+from ..host import format_number, format_outside
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -25,6 +25,10 @@ from .motion import Motion
 
 class Pulse(Motion):
     """A single pulse; `Rectangular`, `HalfSine`, `Sine`, `Cosine` and `Ricker` are its shapes.
+
+    Another shape is a subclass with a method `shape` and the constants `extremes`, `area` and
+    `angle`. `respond` takes its pulses as they are. Batches, and what is built on them, take
+    their samples, as ``Record(pulse.horizontal(times), time_step)``.
 
     Parameters
     ----------
@@ -45,7 +49,8 @@ class Pulse(Motion):
     angle : float
         Angular frequency times duration [rad]: pi for half a period, 2 pi for a full one.
     harmonic : tuple of float, or None
-        (a, b) if the acceleration over amplitude is sin(a x + b), x in durations.
+        (a, b) if the acceleration over amplitude is sin(a x + b), x in durations; None for
+        any other shape.
 
     Raises
     ------
@@ -68,7 +73,8 @@ class Pulse(Motion):
     extremes: ClassVar[tuple[float, ...]]
     area: ClassVar[float]
     angle: ClassVar[float]
-    harmonic: ClassVar[tuple[float, float] | None]
+    harmonic: ClassVar[tuple[float, float] | None] = None
+    name: ClassVar[str] = "pulse"
 
     # Repeated in every subclass: type checkers would generate another one from the fields.
     def __init__(self, amplitude: Number, duration: Number, start: Number = 0.0):
@@ -77,7 +83,7 @@ class Pulse(Motion):
         self.start = as_field(Pulse, "start", start)
 
     def __str__(self) -> str:
-        return format_derivatives(self) or (
+        return format_outside(self) or (
             f"{self.name} of {format_number(self.amplitude, 'm/s2')}, duration"
             f" {format_number(self.duration, 's')}, from {format_number(self.start, 's')} on"
         )
@@ -239,8 +245,6 @@ class Ricker(Pulse):
     # The intensity of the whole wavelet; both tails that are cut off come to 3e-17 together.
     area = 0.0
     angle = 2 * math.pi
-    # No sine: the batch has a power series of its own for it.
-    harmonic = None
 
     @staticmethod
     def shape(phase: Reals) -> Reals:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..host import format_derivatives, format_number
+from ..host import format_number, format_outside
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -31,7 +31,7 @@ from .floor import (
     warn_of_coarse_step,
 )
 from .motion import Motion
-from .samples import integrate_samples, interpolate, refuse_times
+from .samples import integrate_samples, interpolate, refuse_empty, refuse_times
 from .units import require_unit
 
 # Numbers of samples to which records are padded: the first, else a multiple of the second.
@@ -125,17 +125,11 @@ class Record(Motion):
                 "time_step must be one number, the time from one sample to the next, got an array"
                 f" of shape {shape}, the shape of the samples: these may be their times"
             )
-        for name, samples in (
-            ("acceleration", self.acceleration),
-            ("vertical", self.vertical),
-        ):
+        for name in ("acceleration", "vertical"):
+            samples = getattr(self, name)
             if samples is not None and samples.ndim == 2 and not is_traced(samples):
                 refuse_times(name, np.asarray(samples))
-        for name, value in vars(self).items():
-            if value is not None and value.size == 0:
-                raise ValueError(
-                    f"{name} must not be empty, got an array of shape {value.shape}"
-                )
+        refuse_empty(**vars(self))
         if self.vertical is not None:
             check("vertical", self.vertical, FINITE)
             if self.vertical.shape[-1:] != shape[-1:]:
@@ -145,7 +139,7 @@ class Record(Motion):
                 )
 
     def __str__(self) -> str:
-        return format_derivatives(self) or (
+        return format_outside(self) or (
             f"record of {self.samples} samples, step {format_number(self.time_step, 's')},"
             f" from {format_number(self.start, 's')} on:"
             f" {format_number(self.acceleration, 'm/s2')}, scale {format_number(self.scale)}"

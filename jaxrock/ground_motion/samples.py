@@ -13,6 +13,13 @@ _RISING = 8
 _FEW = 4
 
 
+def refuse_empty(**numbers: Reals | None) -> None:
+    """Raise `ValueError` if an array is empty."""
+    for name, value in numbers.items():
+        if value is not None and not value.size:
+            raise ValueError(f"{name} must not be empty, got an array of shape {value.shape}")
+
+
 def refuse_times(name: str, rows: np.ndarray) -> None:
     """Raise `ValueError` if one of several rows, or of few columns, holds times of samples."""
     # Times never fall; by few printed digits they may repeat. In any unit, since a factor has

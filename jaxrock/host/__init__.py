@@ -10,9 +10,9 @@ from .files import read_regular as read_regular
 from .files import sync as sync
 from .files import write_whole as write_whole
 from .printing import Printed as Printed
-from .printing import format_derivatives as format_derivatives
 from .printing import format_fields as format_fields
 from .printing import format_number as format_number
+from .printing import format_outside as format_outside
 from .printing import format_table as format_table
 from .progress import announce as announce
 from .progress import count_work as count_work

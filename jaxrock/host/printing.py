@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import jax
 import numpy as np
 
-from ..validation import Checked, Domain, is_traced, iterate_quantities
+from ..validation import FINITE, Checked, Domain, is_traced, iterate_quantities
 from .status import Status, describe_status
 
 
@@ -46,32 +46,36 @@ class Printed:
         return str(self)
 
 
-def format_derivatives(module: Checked) -> str:
-    """Write the numbers of a module as derivatives if they are derivatives; else nothing.
+def format_outside(module: Checked) -> str:
+    """Write a module some of whose numbers are outside of their domains; nothing for others.
 
-    `jax.grad` returns derivatives with respect to a block in a `Block`. They are known by a
-    number that the quantity itself cannot be, such as a negative width.
+    `jax.grad` returns derivatives with respect to a block in a `Block`, and tree operations of
+    JAX make blocks that nobody has checked. Only the numbers tell one from the other:
+    derivatives have any sign and size, so that many of them cannot be a quantity, while a
+    mistake is in one number. So they are written as derivatives if a third of the numbers that
+    have bounds are outside; if fewer are, these are named.
     """
-    numbers = list(iterate_quantities(module))
-    if not any(_is_outside(value, domain) for _, value, domain, _ in numbers):
-        return ""
+    numbers = [part for part in iterate_quantities(module) if part[1] is not None]
+    outside = [part for part in numbers if _is_outside(*part[1:3])]
+    bounded = [part for part in numbers if part[2] is not FINITE]
+    if 3 * len(outside) < len(bounded):
+        texts = [f"{name} {format_number(value, unit)}" for name, value, _, unit in outside]
+        return f"outside of its domain: {', '.join(texts)}" if texts else ""
     lines = []
     for name, value, _, unit in numbers:
-        if value is not None:
-            per = f"1/({unit})" if "/" in unit else f"1/{unit}" if unit else ""
-            words = name.replace("half_", "half-").replace("_", " ")
-            lines.append(f"d/d {words} {format_number(value, per)}")
+        per = f"1/({unit})" if "/" in unit else f"1/{unit}" if unit else ""
+        words = name.replace("half_", "half-").replace("_", " ")
+        lines.append(f"d/d {words} {format_number(value, per)}")
     return "\n".join(lines)
 
 
-def _is_outside(value: object, domain: Domain | None) -> bool:
+def _is_outside(value: object, domain: Domain) -> bool:
     """Return whether a concrete number other than NaN is outside of its domain."""
-    if domain is None or not isinstance(value, jax.Array | np.ndarray | float):
-        return False  # also what stands for an array under some transformations
-    if is_traced(value):
+    # Some transformations put other objects in the place of arrays.
+    if is_traced(value) or not isinstance(value, jax.Array | np.ndarray | float):
         return False
-    values = np.asarray(value)
-    return bool((~np.isnan(values) & ~np.asarray(domain.contains(values))).any())
+    inside = domain.contains(np.asarray(value)) | np.isnan(value)
+    return not np.all(inside)
 
 
 def format_table(first: str, names: Sequence[str], **columns: Iterable[object]) -> str:

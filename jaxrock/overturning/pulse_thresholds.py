@@ -196,9 +196,9 @@ def make_levels(
     name: str, ends: Sequence[float], resolution: float, halvings: int = _HALVINGS
 ) -> np.ndarray:
     """Make values between two ends, so close that halvings bring them to the resolution."""
-    low, high = ends
-    if not 0 < low < high < math.inf:
+    if len(ends) != 2 or not 0 < ends[0] < ends[1] < math.inf:
         raise ValueError(f"{name} must be two increasing positive numbers, got {ends}")
+    low, high = ends
     if not 1e-6 < resolution < 1:
         raise ValueError(f"resolution must be between 1e-6 and 1, got {resolution:g}")
     # The resolution is a share of the value, so that values make a geometric sequence.

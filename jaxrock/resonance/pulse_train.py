@@ -183,8 +183,8 @@ def respond_to_train(
     Raises
     ------
     ValueError
-        If there are not as many times as intensities, the times decrease, or a concrete
-        argument is out of range.
+        If there are no times, or not as many as intensities, if the times decrease, or a
+        concrete argument is out of range.
 
     Examples
     --------
@@ -201,10 +201,9 @@ def respond_to_train(
     check_kind("block", block, Block)
     block.check()
     if t.ndim != 1 or t.shape != pulses.shape or not t.size:
-        raise ValueError(
-            "times and intensities must be one-dimensional and equally long, got shapes"
-            f" {t.shape} and {pulses.shape}"
-        )
+        shapes = f"got shapes {t.shape} and {pulses.shape}"
+        must = "be one-dimensional and equally long" if t.size else "not be empty"
+        raise ValueError(f"times and intensities must {must}, {shapes}")
     if not is_traced(t) and (falls := np.diff(np.asarray(t)) < 0).any():
         first = int(falls.argmax())
         raise ValueError(f"times must not decrease, got {t[first + 1]:g} after {t[first]:g}")

@@ -4,7 +4,7 @@ import warnings
 from typing import ClassVar
 
 from ..block import Block
-from ..host import Printed, format_derivatives, format_number
+from ..host import Printed, format_number, format_outside
 from ..impact import read_restitution
 from ..validation import (
     NON_NEGATIVE,
@@ -34,6 +34,10 @@ class Scene(Printed, Checked):
     -----
     To `jax.vmap` over only those parameters that are arrays, pass
     ``in_axes=jax.tree.map(lambda leaf: 0 if leaf.ndim else None, scene)``.
+
+    `jax.grad` returns derivatives in a `Scene`. It prints them as derivatives if at least a
+    third of its numbers cannot be those of a scene; if fewer cannot, it prints only these, as
+    outside of their domains.
 
     Examples
     --------
@@ -71,7 +75,7 @@ class Scene(Printed, Checked):
         self.intensity = as_field(Scene, "intensity", intensity)
 
     def __str__(self) -> str:
-        return format_derivatives(self) or (
+        return format_outside(self) or (
             f"{self.block}\nrestitution {format_number(self.restitution)},"
             f" pulses of {format_number(self.intensity, 'm/s')}"
         )

@@ -236,7 +236,7 @@ def _check_levels(levels: Numbers) -> np.ndarray:
     values = np.asarray(levels, float)
     if values.ndim != 1 or not values.size:
         raise ValueError(
-            f"levels must be one-dimensional, got an array of shape {values.shape}"
+            f"levels must be one-dimensional and not empty, got an array of shape {values.shape}"
         )
     check_increasing("levels", values)
     return values

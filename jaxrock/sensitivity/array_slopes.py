@@ -62,6 +62,8 @@ def value_and_slopes(
     """
     check_kind("function", function, Callable)
     argnums = argnums if isinstance(argnums, int) else tuple(argnums)
+    if argnums == ():
+        raise ValueError("argnums must not be empty, got ()")
 
     @functools.wraps(function)
     def differentiate(*arguments: PyTree, **named: object) -> tuple[Array, PyTree]:

@@ -13,7 +13,7 @@ from ..block import Block, block_of, size_of
 from ..driven import require_complete, respond, respond_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..resonance import RockingModel
-from ..validation import AnyArray, Number, Reals, as_field, as_name, as_real, as_text
+from ..validation import AnyArray, Number, Reals, as_field, as_name, as_real
 from .parameters import choose_description
 from .samples import make_drawn_blocks
 
@@ -55,10 +55,7 @@ def _name_fields(motion: Motion | Suite) -> tuple[str, ...]:
 
 def check_answer(answer: DrivenAnswerName | AnswerOfResponse) -> str | AnswerOfResponse:
     """Return an answer, given by its name or as a function; a `ValueError` if it is neither."""
-    name = as_text(answer)
-    if isinstance(name, str) or not callable(name):
-        return as_name("answer", name, ANSWERS)
-    return name
+    return answer if callable(answer) else as_name("answer", answer, ANSWERS)
 
 
 class DrivenAnswer(eqx.Module):
@@ -72,6 +69,8 @@ class DrivenAnswer(eqx.Module):
         As `check_answer` returns it.
     model : RockingModel
         Equation of motion.
+    scale : Array
+        Factor on the motion, whatever its amplitude is.
     """
 
     block: Block
@@ -81,6 +80,7 @@ class DrivenAnswer(eqx.Module):
     motion: Motion
     answer: str | AnswerOfResponse = eqx.field(static=True)
     model: RockingModel = eqx.field(static=True)
+    scale: Reals = eqx.field(converter=functools.partial(as_real, "scale", unit=""))
 
     @property
     def title(self) -> str:
@@ -119,9 +119,9 @@ class DrivenAnswer(eqx.Module):
 
     def _change_scene(self, parameters: Mapping[str, Number]) -> tuple[Number, Motion]:
         """Change restitution and motion to given values."""
-        motion = change_motion(self.motion, parameters)
-        if "scale" in parameters:
-            motion = motion.scaled(parameters["scale"])
+        # The scale last: an amplitude that is varied replaces the one that the motion has.
+        scale = parameters.get("scale", self.scale)
+        motion = change_motion(self.motion, parameters).scaled(scale)
         return parameters.get("restitution", self.restitution), motion
 
     def _choose_duration(self, motion: Motion) -> Reals:

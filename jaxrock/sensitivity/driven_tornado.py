@@ -8,7 +8,7 @@ from ..block import SIDES, Block, size_of
 from ..driven import check_batch
 from ..ground_motion import Motion
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, as_name, as_real, as_text, check_kind
+from ..validation import Number, as_name, as_text, check_kind
 from .driven_answer import (
     AnswerOfResponse,
     DrivenAnswer,
@@ -37,13 +37,14 @@ def driven_tornado(
     block, restitution, motion : Block, float, Motion
         One scene.
     ranges : dict
-        Low and high value of each parameter to vary, by name: ``restitution``, ``width`` (at
-        this height) and ``height`` (at this width) or ``half_width`` (at this slenderness) and
-        ``slenderness``, ``scale``, and of a pulse ``amplitude`` and ``duration``.
+        Low and high value of each parameter to vary, by name, with its own value between them:
+        ``restitution``, ``width`` (at this height) and ``height`` (at this width) or
+        ``half_width`` (at this slenderness) and ``slenderness``, ``scale``, and of a pulse
+        ``amplitude`` and ``duration``.
     answer : str or callable
         As in `local_dependence`; NaN at an end at which the block overturns.
     scale : float
-        Factor on the motion [-], if it is not varied.
+        Factor on the motion [-], also where the amplitude is varied.
     model : Nonlinear or Linearized, or their names
         Equation of motion.
 
@@ -54,8 +55,8 @@ def driven_tornado(
     Raises
     ------
     ValueError
-        If a name is none of these, an argument is out of range, or an integration did not
-        finish.
+        If a name is none of these, an argument is out of range, a range does not hold the
+        value of its parameter, or an integration did not finish.
 
     Examples
     --------
@@ -69,22 +70,17 @@ def driven_tornado(
     restitution                    0.8           0.9      0.123243      0.142628
     """
     check_kind("block", block, Block)
-    check_batch(block, restitution, motion, None)
-    factor = as_real("scale", scale, unit="")
+    restitution, _ = check_batch(block, restitution, motion, None)
+    function = DrivenAnswer(
+        block, restitution, motion, check_answer(answer), as_model(model), scale
+    )
     medians = {
         **size_of(block, choose_description(map(as_text, ranges), "ranges")),
         "restitution": restitution,
         **list_motion_medians(motion),
-        "scale": factor,
+        "scale": function.scale,
     }
     names = [as_name("ranges", name, medians) for name in ranges]
-    function = DrivenAnswer(
-        block,
-        restitution,
-        motion if "scale" in names else motion.scaled(factor),
-        check_answer(answer),
-        as_model(model),
-    )
     points = list_ends(np.array([float(medians[name]) for name in names]), ranges)
     answers = function.evaluate(dict(zip(names, points.T, strict=True)))
     sides = tuple(name for name in SIDES if name in ranges)

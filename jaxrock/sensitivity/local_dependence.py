@@ -185,11 +185,7 @@ uncertainty (5 %)
     coefficients = _check_question(block, restitution, motion, uncertain, scale)
     names = tuple(coefficients)
     function = DrivenAnswer(
-        block,
-        restitution,
-        motion if "scale" in names else motion.scaled(scale),
-        check_answer(answer),
-        as_model(model),
+        block, restitution, motion, check_answer(answer), as_model(model), scale
     )
     medians = {
         name: float(value) for name, value in list_medians(block, restitution, names).items()

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..host import Printed, format_table
 from ..validation import COUNT, as_text, check
-from .parameters import Answer, Ranges, label_sides, make_parametric
+from .parameters import Answer, Ranges, check_ranges, label_sides, make_parametric
 
 
 @dataclass(frozen=True, repr=False)
@@ -146,9 +146,9 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     Parameters
     ----------
     answer, at, ranges : callable, pytree, dict
-        As in `sensitivities`; low and high value of each parameter to vary, by name. Of a
-        `Block` these are its fields, or ``width`` (at this height) and ``height`` (at this
-        width).
+        As in `sensitivities`; low and high value of each parameter to vary, by name, with its
+        value in `at` between them. Of a `Block` these are its fields, or ``width`` (at this
+        height) and ``height`` (at this width).
 
     Returns
     -------
@@ -157,8 +157,8 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     Raises
     ------
     ValueError
-        If a name is not one of `at`, or a block is described both by sides and by half-width
-        or slenderness.
+        If a name is not one of `at`, a block is described both by sides and by half-width or
+        slenderness, or a range does not hold the value of its parameter.
 
     Examples
     --------
@@ -178,9 +178,24 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
 
 
 def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
-    """List the point itself, then for each parameter both ends of its range, as rows."""
+    """List the point itself, then for each parameter both ends of its range, as rows.
+
+    Raises
+    ------
+    ValueError
+        If a range is not a low and a high value with that of the point between them.
+    """
+    check_ranges(ranges)
     # One batch for one program.
     ends = np.asarray(list(ranges.values()), float).reshape(-1, 2)
+    for name, value, (low, high) in zip(ranges, point, ends, strict=True):
+        # A value in float32, or computed from others, is hardly the number that was typed.
+        rounding = 1e-6 * abs(value)
+        if not low - rounding <= value <= high + rounding:
+            raise ValueError(
+                f"ranges of {name} must be a low and a high value around {value:g}, got"
+                f" {low:g} and {high:g}"
+            )
     points = np.tile(point, (1 + ends.size, 1))
     end = np.arange(ends.size)
     points[1 + end, end // 2] = ends.ravel()

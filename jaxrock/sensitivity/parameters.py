@@ -133,7 +133,7 @@ def make_parametric(
             )
     paths = [path for path, _ in leaves]
     if isinstance(varied, Mapping):
-        _check_ranges(varied)
+        check_ranges(varied)
     varied = None if varied is None else tuple(map(as_text, varied))
     descriptions = _find_descriptions(at, paths, varied, argument, sides)
     names = _name_parameters(paths, descriptions)
@@ -155,8 +155,10 @@ def make_parametric(
     return ParametricAnswer(answer, values, names, form, places, descriptions)
 
 
-def _check_ranges(ranges: Mapping[str, object]) -> None:
-    """Raise `ValueError` if what is given for a name are not two numbers."""
+def check_ranges(ranges: Mapping[str, object]) -> None:
+    """Raise `ValueError` if no name is given, or what is given for one are not two numbers."""
+    if not ranges:
+        raise ValueError("ranges must not be empty: they name the parameters to vary")
     for name, value in ranges.items():
         # A unit would be lost: a name of a parameter does not tell its own.
         if carries_unit(value) or np.shape(as_real(name, value)) != (2,):

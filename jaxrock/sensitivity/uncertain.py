@@ -333,7 +333,7 @@ def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[flo
     checked = np.asarray(as_real(f"{ARGUMENT} of {name}", value))
     # In float64, also where JAX computes in float32.
     values = np.asarray(value, float)
-    if checked.ndim > 1:
+    if checked.ndim > 1 or not checked.size:
         raise ValueError(
             f"{ARGUMENT} of {name} must be one number, or one for each object, got an array"
             f" of shape {checked.shape}"
@@ -345,5 +345,5 @@ def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[flo
 def _write_coefficient(value: float | tuple[float, ...]) -> str:
     """Write one coefficient, or the least and the largest of all objects."""
     if isinstance(value, tuple):
-        return f"{min(value):g} to {max(value):g}" if value else "none"
+        return f"{min(value):g} to {max(value):g}"
     return f"{value:g}"

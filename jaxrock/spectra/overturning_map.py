@@ -97,7 +97,7 @@ def overturning_map(  # noqa: PLR0913
     kind = check_pulse_class(shape)
     shared, uplift = make_unit_block(slenderness, restitution, inertia_ratio, one_sided, model)
     block, c = shared
-    lows_and_highs = (float(amplitude_ratios[0]), float(amplitude_ratios[1]))
+    lows_and_highs = tuple(map(float, amplitude_ratios))
     check_range(lows_and_highs, resolution)
     rate = float(block.frequency_parameter)
     search = (lows_and_highs, resolution, model)

@@ -50,3 +50,25 @@ def test_batch(monkeypatch, devices):
     assert np.ptp(single.peak_rotation) > 0
     for ours, theirs in zip(jax.tree.leaves(shared), jax.tree.leaves(single), strict=True):
         assert np.asarray(ours).tobytes() == np.asarray(theirs).tobytes()
+
+
+def test_inside_of_shard_map(devices):
+    """The numbers of `vmap`, with the option that the page on many devices names."""
+    along = jax.sharding.PartitionSpec("device")
+
+    def respond(amplitudes):
+        block = jr.Block(0.4, 5.0)
+        many = jr.respond_batch(block, 0.9, jr.Sine(amplitudes, 0.6), 4.0).peak_rotation
+        single = jax.vmap(lambda a: jr.respond(block, 0.9, jr.Sine(a, 0.6), 4.0).peak_rotation)
+        return many, single(amplitudes)
+
+    mapped = jax.shard_map(
+        respond,
+        mesh=jax.sharding.Mesh(np.array(devices), ("device",)),
+        in_specs=along,
+        out_specs=along,
+        check_vma=False,
+    )
+    amplitudes = np.linspace(1.5, 6.0, 4)
+    for ours, theirs in zip(jax.jit(mapped)(amplitudes), respond(amplitudes), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-12)

@@ -62,9 +62,8 @@ class PulseInput(GroundInput):
         time = jnp.full_like(along, jnp.inf)
         side = jnp.ones_like(along)
         signs = (self.first_sign, -self.first_sign, self.first_sign)
-        rises = list(zip(excitation.uplift_times, signs, strict=True))
         # The latest first, so that the earlier extreme counts where two coincide.
-        for rise, sign in reversed(rises):
+        for rise, sign in reversed(list(zip(excitation.uplift_times, signs, strict=True))):
             sooner = (rise >= along) & (rise <= time)
             if equation.one_sided:
                 sooner = sooner & (sign * excitation.strength > 0)
@@ -177,7 +176,10 @@ def make_pulse_input(
         return SineInput(extent, number, rate, phase)
     if issubclass(kind, Ricker):
         return RickerInput(extent, number)
-    raise TypeError(f"{kind.__name__} has no power series: it needs a class of `PulseInput`")
+    raise ValueError(
+        f"{kind.__name__} has no power series, so that batches take its samples:"
+        " Record(pulse.horizontal(times), time_step)"
+    )
 
 
 def _times_of_phases(
