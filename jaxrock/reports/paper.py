@@ -156,7 +156,7 @@ def select_figures() -> dict[str, tuple["xarray.DataArray", str, str]]:
     spectrum = compute_spectrum()
     zeta, period, ratio = (
         spectrum[name].sel(restitution=[0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8])
-        for name in ("amplification", "period", "rotation_ratio")
+        for name in ("amplification", "stabilized_period", "rotation_ratio")
     )
     return {
         "figure_3": (period.sel(restitution=0.6), "width", "$C$ = 0.6"),

@@ -108,9 +108,9 @@ def _compute_spectrum_claims() -> dict[str, object]:
     at_05, at_06, at_08 = (spectrum.sel(restitution=c) for c in (0.5, 0.6, 0.8))
     upward = spectrum.sel(restitution=slice(0.5, 0.7))
     period, ratio, zeta = (
-        at_06[name].values for name in ("period", "rotation_ratio", "amplification")
+        at_06[name].values for name in ("stabilized_period", "rotation_ratio", "amplification")
     )
-    of_08 = upward.period.sel(width=0.8).values
+    of_08 = upward.stabilized_period.sel(width=0.8).values
     growth = (at_08.amplification / at_05.amplification)[0]
     by_size = (part.amplification.sel(slenderness=4.0).values for part in (at_05, at_08))
     # In closed form, as Fig. 8 has them: a grid would end up to a step before them.
