@@ -380,7 +380,7 @@ def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
         assert (code, err) == (0, "")
         answer = json.loads(out)
         assert (answer["chunks"], answer["taken_over"]) == (1, taken_over)
-        assert answer["sizes"] == {"slenderness": 5, "width": 2, "restitution": 1}
+        assert answer["sizes"] == {"slenderness": 5, "width": 2}
     spectrum = jr.resonance_spectrum(np.linspace(3, 9, 5), [0.4, 0.8], 0.7, 0.15)
     stored = opened(tmp_path / "s.zarr")
     assert stored.attrs["command"] == "spectrum"
