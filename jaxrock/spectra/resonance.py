@@ -78,6 +78,7 @@ def resonance_spectrum(
         lambda [-], full width 2b [m], C [-] and I [m/s], numbers or one-dimensional. An array
         makes a dimension of the dataset, a number a scalar coordinate.
     model : Linearized or Nonlinear, their names, or "auto"
+        `Linearized` by default, as in the paper; driven motion is `Nonlinear` by default.
         "auto" takes at each point the cheapest model within `tolerance`; the variable model
         names it.
     tolerance : float
