@@ -173,7 +173,7 @@ def _search_boundaries(
         name: np.pad(values, ((0, 0), (0, room)), constant_values=missing[name])
         for name, values in answers.items()
     }
-    found = {name: values[:, : columns or None] for name, values in padded.items()}
-    found["overturns_first"] = np.asarray(boundaries.overturns_first, np.int8)
-    found["count"] = np.asarray(boundaries.count)
-    return {name: v.reshape((*shape, *v.shape[1:])) for name, v in found.items()}
+    answers = {name: values[:, : columns or None] for name, values in padded.items()}
+    answers["overturns_first"] = np.asarray(boundaries.overturns_first, np.int8)
+    answers["count"] = np.asarray(boundaries.count)
+    return {name: v.reshape((*shape, *v.shape[1:])) for name, v in answers.items()}
