@@ -100,7 +100,7 @@ def test_an_assumed_restitution_is_named(capsys, tmp_path):
     assert "assumed)" not in out
     for command, assumed in (("spectrum", "0.6, 0.7, 0.8"), ("rocking-spectrum", "0.9")):
         axis = ("--slenderness", 5, "--out", tmp_path / command)
-        axis += ("--period", 2) if command == "rocking-spectrum" else ()
+        axis += ("--free-period", 2) if command == "rocking-spectrum" else ()
         _, out, _ = run(capsys, command, *axis)
         assert f"\nC = {assumed} (assumed)\n" in out
 
@@ -298,7 +298,7 @@ def test_inertia_ratio_reaches_the_answers(capsys, tmp_path):
     intensity = json.loads(out)["rows"][0]["critical_intensity"]
     assert intensity == pytest.approx(float(jr.critical_intensity(block, 0.7, 1.0)))
     run(capsys, "spectrum", "--out", tmp_path, *SMALL, *body)
-    few = ("--period", 2, 4, "--slenderness", 5, "--scale", 0.1)
+    few = ("--free-period", 2, 4, "--slenderness", 5, "--scale", 0.1)
     run(capsys, "rocking-spectrum", "--out", tmp_path, *few, *body)
     for name in ("spectrum", "rocking_spectrum"):
         with xarray.open_dataset(tmp_path / f"{name}.nc") as dataset:
@@ -426,7 +426,7 @@ def test_respond(tmp_path, capsys):
 @pytest.mark.thorough
 def test_rocking_spectrum(tmp_path, capsys):
     out = tmp_path / "out"
-    main(["rocking-spectrum", "--period", "2", "4", "--out", str(out)])
+    main(["rocking-spectrum", "--free-period", "2", "4", "--out", str(out)])
     assert "6 blocks" in capsys.readouterr().out
     assert len(list(out.iterdir())) == 3
     assert_follows_cf(out / "rocking_spectrum.nc")
@@ -766,7 +766,7 @@ CALLS = {
         {"uncertain": jr.Uncertain({"critical_angle": 0.2, "frequency_parameter": 0.1})},
     ),
     "rocking-spectrum of walls": (
-        "--one-sided --period 2 --slenderness 5",
+        "--one-sided --free-period 2 --slenderness 5",
         "jaxrock.cli.spectra.compute_rocking_spectrum",
         {"one_sided": True},
     ),

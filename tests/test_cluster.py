@@ -66,7 +66,7 @@ def test_a_worker_that_is_killed(client):
     whole = blocks()
     number, other = client.run(os.getpid).values()
     with dask.config.set({"distributed.scheduler.allowed-failures": 10}):
-        future = client.compute(blocks(chunks={"period": 1}))
+        future = client.compute(blocks(chunks={"free_period": 1}))
         while not any(client.has_what().values()):
             time.sleep(0.01)
         os.kill(number, signal.SIGKILL)
@@ -90,7 +90,7 @@ sys.path.insert(0, {here!r})
 import dask
 dask.config.set(scheduler="synchronous")
 from tables.grids import blocks, jr
-jr.grids.write_zarr(blocks(chunks={{"period": 1}}), {path!r})
+jr.grids.write_zarr(blocks(chunks={{"free_period": 1}}), {path!r})
 """
 
 
@@ -115,7 +115,7 @@ def test_a_run_that_is_killed_is_continued(tmp_path):
     variables = ("rotation_ratio", "peak_rotation", "overturned", "margin", "impacts")
     there = set.intersection(*({f.name for f in (path / v).glob("*.0")} for v in variables))
     written = {name: (path / "margin" / name).stat().st_mtime_ns for name in there}
-    stored = write_zarr(blocks(chunks={"period": 1}), path)
+    stored = write_zarr(blocks(chunks={"free_period": 1}), path)
     assert (stored.chunks, stored.taken_over) == (15, len(there))
     assert 3 <= len(there) < 15
     assert str(stored) == f"{path}: 15 chunks, {len(there)} from an earlier run"
@@ -123,7 +123,7 @@ def test_a_run_that_is_killed_is_continued(tmp_path):
         assert (path / "margin" / name).stat().st_mtime_ns == when
     assert not [*path.rglob("*.partial")]
     same_bits_but_attributes(opened(path), blocks())
-    assert write_zarr(blocks(chunks={"period": 1}), path).taken_over == 15
+    assert write_zarr(blocks(chunks={"free_period": 1}), path).taken_over == 15
 
 
 @pytest.mark.thorough
@@ -257,7 +257,7 @@ def test_what_cannot_be_written(tmp_path):
 )
 def test_damaged_chunks_are_computed_again(tmp_path, damage):
     path = tmp_path / "grid.zarr"
-    chunk = tmp_path / "grid.zarr" / "period" / "1.0.0"
+    chunk = tmp_path / "grid.zarr" / "stabilized_period" / "1.0.0"
     write_zarr(grid(), path)
     content = chunk.read_bytes()
     if damage is None:
@@ -274,7 +274,7 @@ def test_a_store_that_is_damaged_beside_its_chunks(tmp_path):
     write_zarr(grid(), path)
     (path / "slenderness" / "0").unlink()
     refused(grid(), path, "is damaged: slenderness is not what was written")
-    chunk = tmp_path / "other.zarr" / "period" / "1.0.0"
+    chunk = tmp_path / "other.zarr" / "stabilized_period" / "1.0.0"
     write_zarr(grid(), tmp_path / "other.zarr")
     chunk.unlink()
     chunk.mkdir()
@@ -325,7 +325,7 @@ def test_two_runs_that_begin_a_store(tmp_path, monkeypatch):
 def test_chunks_that_are_nothing_but_nan(tmp_path):
     """All of these blocks overturn."""
     lazy = grid(intensity=30.0)
-    assert np.isnan(lazy.period.values).all()
+    assert np.isnan(lazy.stabilized_period.values).all()
     assert write_zarr(lazy, tmp_path / "grid.zarr").taken_over == 0
     assert write_zarr(lazy, tmp_path / "grid.zarr").taken_over == 3
 
@@ -380,16 +380,19 @@ def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
         assert (code, err) == (0, "")
         answer = json.loads(out)
         assert (answer["chunks"], answer["taken_over"]) == (1, taken_over)
-        assert answer["sizes"] == {"slenderness": 5, "width": 2, "restitution": 1}
+        assert answer["sizes"] == {"slenderness": 5, "width": 2}
     spectrum = jr.resonance_spectrum(np.linspace(3, 9, 5), [0.4, 0.8], 0.7, 0.15)
     stored = opened(tmp_path / "s.zarr")
     assert stored.attrs["command"] == "spectrum"
-    assert stored.period.values.tobytes() == spectrum.period.values.tobytes()
+    assert (
+        stored.stabilized_period.values.tobytes()
+        == spectrum.stabilized_period.values.tobytes()
+    )
     assert answer["overturned"] == float((spectrum.overturning_margin <= 0).mean())
     code, _, err = run(capsys, "spectrum", "--store", "s.zarr", "--gravity", 1.62)
     assert code == 2
     assert "'s.zarr' belongs to another grid: its slenderness differs; it is left" in err
-    rocking = ("rocking-spectrum", "--period", "1:3:3", "--slenderness", 5)
+    rocking = ("rocking-spectrum", "--free-period", "1:3:3", "--slenderness", 5)
     assert run(capsys, *rocking, "--store", "r.zarr")[0] == 0
     alone = jr.rocking_spectrum(jr.example_record(), [1.0, 2.0, 3.0], 5.0, 0.9)
     assert opened(tmp_path / "r.zarr").margin.values.tobytes() == alone.margin.values.tobytes()

@@ -105,6 +105,24 @@ def test_docstring_says_what_there_is(name, thing, docstring):
     assert not missing, f"{name} does not describe {sorted(missing)}"
 
 
+def test_closed_forms_are_linearized_and_driven_motion_nonlinear_by_default():
+    """As the conventions page and the docstrings of the functions that most users meet say."""
+    for name, thing, _ in public():
+        if not inspect.isroutine(thing):
+            continue
+        model = inspect.signature(thing).parameters.get("model")
+        if model is None or model.default in (None, inspect.Parameter.empty):
+            continue
+        of_paper = "resonance" in thing.__module__ or name == "plot_resonance"
+        assert isinstance(model.default, jr.Linearized if of_paper else jr.Nonlinear), name
+    for name in ("rotation_ratio", "critical_intensity", "resonance_spectrum", "respond"):
+        docstring = " ".join(getattr(jr, name).__doc__.split())
+        assert "`Linearized` by default" in docstring, name
+        assert "`Nonlinear` by default" in docstring, name
+    page = (Path(__file__).parents[1] / "docs" / "conventions.md").read_text("utf-8")
+    assert "are `Linearized` unless `model` is given" in " ".join(page.split())
+
+
 FUNCTIONS = [name for name in jr.__all__ if inspect.isroutine(getattr(jr, name))]
 
 

@@ -23,6 +23,7 @@ from jaxrock.risk import (
     assess_inventory,
     describe_required_width,
     describe_years,
+    inventory_dataset,
     read_inventory,
 )
 from jaxrock.risk.inventory_dataset import describe_need
@@ -285,6 +286,25 @@ def test_rates_in_closed_form(assessed):
     # A hundred straight lines are the half-sine pulse to 1e-4.
     np.testing.assert_allclose(assessed.rate, exact[order], rtol=5e-4)
     np.testing.assert_allclose(assessed.return_period, np.array([1.5, 2.5]) ** POWER / OFTEN)
+
+
+def test_dimensions_come_from_the_table_and_not_from_names(monkeypatch):
+    """A single probability of an object has no dimension of levels."""
+    named = {"probability_of_any_level": ("probability", "1"), "odds": ("odds", "1", "level")}
+    monkeypatch.setattr(inventory_dataset, "_WORDS", inventory_dataset._WORDS | named)
+    ones = np.ones(4)
+    bounds = dict.fromkeys(("rate", "width", "required_width"), ones)
+    answers = bounds | {"probability_of_any_level": ones, "odds": np.ones((4, 2))}
+    dataset = inventory_dataset.make_inventory_dataset(
+        Inventory(NAMES, BLOCK, 0.85),
+        jr.Site(pulses(2), HAZARD, levels=[1.0, 2.0]),
+        TARGET,
+        jr.Linearized(),
+        np.array([1.5, 2.5]),
+        answers,
+    )
+    assert dataset.probability_of_any_level.dims == ("object",)
+    assert dataset.odds.dims == ("object", "level")
 
 
 def test_curves_in_closed_form(assessed):

@@ -67,7 +67,7 @@ def test_agreement_to_the_digits_printed(printed, computed, agrees):
 def test_mismatches_are_named(report):
     wrong = replace(report.entries[0], computed=1.0)
     healed = replace(next(e for e in report.entries if e.fault), computed=182.37)
-    claim = replace(report.claims[0], valid=False)
+    claim = replace(report.claims[0], verdict="not confirmed")
     spoiled = paper.Report([wrong, healed], [claim], report.faults)
     assert len(spoiled.mismatches) == 3
     assert spoiled.mismatches[0].startswith("Table I, peak rotation")
@@ -78,13 +78,45 @@ def test_a_number_out_of_its_bounds_is_noticed(bounds):
     row = {
         "where": "",
         "statement": "",
+        "verdict": "holds",
         "figure": "{pair[1]:.2f}",
         "within": {"pair": [1, None]},
     }
     numbers = {"pair": np.array([1.5, 3.0])}
-    assert paper.judge(row, numbers) == paper.Finding("", "", valid=True, figure="3.00")
-    assert not paper.judge(row | {"within": {"pair": bounds}}, numbers).valid
-    assert not paper.judge(row, {"pair": np.array([1.5, np.nan])}).valid
+    assert paper.judge(row, numbers) == paper.Finding("", "", "holds", "3.00")
+    spoiled = paper.judge(row | {"within": {"pair": bounds}}, numbers)
+    missing = paper.judge(row, {"pair": np.array([1.5, np.nan])})
+    assert {spoiled.verdict, missing.verdict} == {"not confirmed"}
+    # The same bounds are a limit, which numbers within them would not need.
+    assert paper.judge(row | {"limited": {"pair": bounds}}, numbers).verdict == "holds"
+    unlimited = paper.judge(row | {"limited": {"pair": [1, None]}}, numbers)
+    assert unlimited.verdict == "not confirmed"
+
+
+def test_how_far_claims_hold(report):
+    """Each verdict with a limit has a number that says why, computed here by other ways."""
+    verdicts = {claim.where: claim.verdict for claim in report.claims}
+    limited = {"Fig. 3", "Fig. 4", "Figs. 6 to 8"}
+    assert {w for w, verdict in verdicts.items() if verdict == "holds for C <= 0.6"} == limited
+    assert {w for w, verdict in verdicts.items() if "Eq. 13" in verdict} == {"Table III"}
+    figures = {claim.where: claim.figure for claim in report.claims}
+
+    def scene_of(slenderness, width, restitution):
+        return jr.Scene(jr.Block(width / 2, slenderness), restitution, 0.15)
+
+    for restitution in (0.6, 0.7):
+        narrow, wide = (
+            jr.stabilized_period(scene_of(10.0, w, restitution)) for w in (0.4, 1.2)
+        )
+        assert f"{100 * (narrow / wide - 1):.0f} % at C = {restitution}" in figures["Fig. 3"]
+        stocky, slender = (
+            jr.amplification(scene_of(s, 0.4, restitution)) for s in (3.0, 10.0)
+        )
+        effect = 100 * (slender / stocky - 1)
+        assert f"{effect:.0f} % at C = {restitution}" in figures["Fig. 4"]
+    restitution = math.exp(-0.05 / (2 * 0.34))  # of -0.34 ln(C squared)
+    assert f"{restitution:.3f}" in figures["Table III"]
+    assert float(jr.overturning_margin(scene_of(4.0, 1.2, restitution))) < 0
 
 
 @pytest.mark.thorough
@@ -93,7 +125,8 @@ def test_files(report, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(paper.FILES)
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "93 of 94 printed numbers agree" in text
-    assert "10 of 10 claims hold, 6 of 6 known faults reproduced" in text
+    assert "Claims in words (holds: 6, holds for C <= 0.6: 3, rests on Eq. 13: 1)" in text
+    assert "known faults (reproduced: 6)" in text
     assert text.count("| **no**") == 1
     figures = [name.removesuffix(".png") for name in paper.FILES if name.endswith(".png")]
     assert figures[:2] == ["figure_1", "figure_2"]

@@ -67,7 +67,7 @@ def test_a_spectrum_says_what_it_leaves_out():
 
 def test_a_rocking_spectrum_says_what_it_leaves_out():
     slenderness = np.linspace(3, 10, 8)
-    axes = {"period": np.linspace(1, 4, 700), "slenderness": slenderness}
+    axes = {"free_period": np.linspace(1, 4, 700), "slenderness": slenderness}
     ratio = np.full((700, 8), 0.5)
     found = xarray.Dataset(
         {"rotation_ratio": (list(axes), ratio), "overturned": (list(axes), 0 * ratio)}, axes
@@ -94,7 +94,7 @@ def test_thresholds_close_together_are_written_apart():
 @pytest.mark.float64
 def test_a_period_without_bound_is_an_arrow():
     spectrum = jr.resonance_spectrum(np.linspace(3, 10, 29), [0.8], [0.6, 0.8], 0.15)
-    period = spectrum.period.sel(width=0.8)
+    period = spectrum.stabilized_period.sel(width=0.8)
     limits = xarray.DataArray([20.0, 9.39], {"restitution": [0.6, 0.8]})
     ax = plot_curves(period, "restitution", thresholds=limits)
     marks = [line for line in ax.get_lines() if line.get_marker() in ("x", "^")]

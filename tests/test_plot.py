@@ -66,11 +66,11 @@ def boundaries():
 @pytest.fixture(scope="module")
 def rocking():
     """As of `rocking_spectrum`, the smaller blocks overturning."""
-    dimensions = ("period", "slenderness", "restitution")
+    dimensions = ("free_period", "slenderness", "restitution")
     ratio = np.linspace(0.9, 0.1, 20).reshape(5, 2, 2)
-    attributes = {"period": "s", "slenderness": "1", "restitution": "1"}
+    attributes = {"free_period": "s", "slenderness": "1", "restitution": "1"}
     coordinates = {
-        "period": np.linspace(2, 6, 5),
+        "free_period": np.linspace(2, 6, 5),
         "slenderness": [4, 6.0],
         "restitution": [0.8, 0.9],
     }
@@ -139,7 +139,7 @@ def calls(spectrum, response, boundaries, bars, curves, probabilities):
     return {
         plot_block: (lambda ax: plot_block(jr.Block(0.4, 5.0), ax=ax), 0),
         plot_curves: (
-            lambda ax: plot_curves(nine.period.squeeze(drop=True), "width", ax=ax),
+            lambda ax: plot_curves(nine.stabilized_period.squeeze(drop=True), "width", ax=ax),
             9,
         ),
         plot_boundaries: (
@@ -305,7 +305,7 @@ def test_curves_begin_where_the_block_stands(spectrum):
 
 
 def test_any_order_one_point_and_negative_values(spectrum):
-    shuffled = spectrum.isel(slenderness=[28, 0, 14]).period.sel(restitution=0.6)
+    shuffled = spectrum.isel(slenderness=[28, 0, 14]).stabilized_period.sel(restitution=0.6)
     line = plot_curves(shuffled, hue="width").get_lines()[0]
     assert line.get_xdata().tolist() == [3.0, 6.5, 10.0]
     ax = plot_curves(shuffled.isel(slenderness=[0]), hue="width")
@@ -318,7 +318,7 @@ def test_any_order_one_point_and_negative_values(spectrum):
 
 def test_curves_refuse_other_dimensions(spectrum):
     with pytest.raises(ValueError, match="variable must have the dimensions"):
-        plot_curves(spectrum.period, hue="width")
+        plot_curves(spectrum.stabilized_period, hue="width")
 
 
 def test_a_panel_each_restitution(spectrum):
@@ -335,7 +335,7 @@ def test_of_many_values_some_are_drawn():
     many = jr.resonance_spectrum(
         [3.0, 4.0], np.linspace(0.4, 1.2, 20), np.linspace(0.1, 0.6, 9), [0.1, 0.15]
     )
-    figure = plot_spectrum(many, "period")
+    figure = plot_spectrum(many, "stabilized_period")
     assert len(figure.axes) == 8
     assert all(len(ax.get_lines()) == 7 for ax in figure.axes)
     assert figure.axes[0].get_title() == "$C$ = 0.1, $I$ = 0.1 m/s"
@@ -354,7 +354,7 @@ def test_rocking_spectrum(rocking):
     np.testing.assert_array_equal(drawn.get_ydata(), expected)
     # A bar halfway to the blocks that stand, at the same height for a slenderness.
     bars = [bar.get_segments() for bar in ax.collections]
-    falls = rocking.sel(restitution=0.9).overturned.sum("period").values
+    falls = rocking.sel(restitution=0.9).overturned.sum("free_period").values
     assert [[tuple(bar[:, 0]) for bar in each] for each in bars] == [
         [(2, 1.5 + n)] for n in falls
     ]

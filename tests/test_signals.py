@@ -110,7 +110,7 @@ COMMANDS = {  # with the seconds that they take, about
     "spectrum": (5, ["--slenderness", "3:10:15", "--width", "0.4:1.2:9"]),
     "fragility": (5, []),
     "respond": (5, ["--record", "example"]),
-    "rocking-spectrum": (12, ["--period", "1:4:200", *STORE]),
+    "rocking-spectrum": (12, ["--free-period", "1:4:200", *STORE]),
 }
 
 

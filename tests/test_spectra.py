@@ -1,14 +1,22 @@
 import csv
+import functools
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray
 from scenes import GRID
 from tools.cf_conventions import assert_follows_cf
-from tools.selection import first_by_default
+from tools.selection import first_by_default, some_by_default
 
 import jaxrock as jr
 from jaxrock.grids import tables
+from jaxrock.plot import (
+    plot_harmonic,
+    plot_overturning_map,
+    plot_rocking_spectrum,
+    plot_spectrum,
+)
 from jaxrock.spectra import resonance as spectra
 
 
@@ -28,7 +36,7 @@ def test_a_grid_is_its_scenes_one_by_one():
         expected = {
             "rotation_ratio": jr.rotation_ratio,
             "peak_rotation": jr.stabilized_rotation,
-            "period": jr.stabilized_period,
+            "stabilized_period": jr.stabilized_period,
             "amplification": jr.amplification,
             "overturning_margin": jr.overturning_margin,
             "overturning_half_cycle": jr.overturning_half_cycle,
@@ -43,7 +51,8 @@ def test_a_grid_is_its_scenes_one_by_one():
 def test_gravity_reaches_the_scenes():
     moon = jr.resonance_spectrum(**GRID, gravity=1.62)
     scene = jr.Scene(jr.Block(0.2, 3.0, 1.62), 0.6, 0.15)
-    np.testing.assert_allclose(moon.period[0, 0, 0], jr.stabilized_period(scene), rtol=1e-5)
+    period = moon.stabilized_period[0, 0, 0]
+    np.testing.assert_allclose(period, jr.stabilized_period(scene), rtol=1e-5)
     assert moon.attrs["gravity"] == 1.62
 
 
@@ -54,7 +63,7 @@ def test_labels():
     assert spectrum.attrs["source"].startswith("jaxrock 0.")
     for variable in (*spectrum.variables.values(),):
         assert variable.attrs["long_name"]
-    assert spectrum.period.attrs["units"] == "s"
+    assert spectrum.stabilized_period.attrs["units"] == "s"
     assert spectrum.width.attrs["units"] == "m"
     assert spectrum.intensity.attrs["units"] == "m s-1"
 
@@ -82,12 +91,68 @@ def test_files_follow_the_conventions(tmp_path, monkeypatch, intensity, options)
 
 def test_an_array_of_intensities_adds_a_dimension():
     spectrum = jr.resonance_spectrum(**(GRID | {"intensity": [0.1, 0.15]}))
-    assert spectrum.period.dims == ("slenderness", "width", "restitution", "intensity")
+    assert spectrum.stabilized_period.dims == (
+        "slenderness",
+        "width",
+        "restitution",
+        "intensity",
+    )
     assert spectrum.critical_intensity.dims == ("slenderness", "width", "restitution")
     alone = jr.resonance_spectrum(**GRID)
     xarray.testing.assert_allclose(
-        spectrum.period.sel(intensity=0.15), alone.period, rtol=1e-5
+        spectrum.stabilized_period.sel(intensity=0.15), alone.stabilized_period, rtol=1e-5
     )
+
+
+BY_AXIS = {  # each function of spectra with a value of each of its axes, and its picture
+    "resonance": (
+        jr.resonance_spectrum,
+        {"slenderness": 5.0, "width": 0.8, "restitution": 0.6, "intensity": 0.15},
+        plot_spectrum,
+    ),
+    "rocking": (
+        functools.partial(jr.rocking_spectrum, jr.Sine(4.0, 0.5)),
+        {"free_period": 2.0, "slenderness": 5.0, "restitution": 0.9, "factor": 0.5},
+        lambda spectrum: plot_rocking_spectrum(spectrum.isel(factor=0, missing_dims="ignore")),
+    ),
+    "overturning": (
+        functools.partial(jr.overturning_spectrum, jr.Sine),
+        {"frequency_ratio": 2.0, "amplitude_ratio": 1.5},
+        lambda spectrum: None,
+    ),
+    "overturning map": (
+        functools.partial(jr.overturning_map, jr.HalfSine),
+        {"frequency_ratio": 2.0},
+        plot_overturning_map,
+    ),
+    "harmonic": (
+        functools.partial(jr.harmonic_spectrum, cycles=3),
+        {"frequency_ratio": 3.0, "amplitude_ratio": 1.2},
+        plot_harmonic,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", some_by_default(BY_AXIS, {"resonance", "rocking"}))
+def test_a_number_is_a_scalar_coordinate(tmp_path, name):
+    """In memory, lazily, and in pictures and tables: of each axis alone, and of all."""
+    function, axes, plot = BY_AXIS[name]
+    whole = function(**{axis: [value] for axis, value in axes.items()})
+    assert {*axes} <= {*whole.dims}
+    for numbers in (*([axis] for axis in axes), [*axes]):
+        given = {axis: axes[axis] if axis in numbers else [axes[axis]] for axis in axes}
+        found = function(**given)
+        expected = whole.squeeze(numbers)
+        xarray.testing.assert_identical(found.drop_attrs(), expected.drop_attrs())
+        if name != "overturning map":  # which lists more boundaries
+            xarray.testing.assert_identical(function(**given, chunks="auto").compute(), found)
+        plot(found)
+        plt.close("all")
+    jr.write_table(found, tmp_path / "point.csv")
+    lines = (tmp_path / "point.csv").read_text().splitlines()
+    rows = [line for line in lines if not line.startswith("#")]
+    assert len(rows) == 1 + found.sizes.get("boundary", 1)
+    assert all(f"{axis} [" in rows[0] for axis in axes)
 
 
 @pytest.mark.parametrize("largest", first_by_default([7, 1, 1000]))
@@ -102,7 +167,7 @@ def test_parts_and_files_change_nothing(tmp_path, monkeypatch, largest):
         for name, values in whole.items():
             assert stored[name].values.tobytes() == values.values.tobytes(), name
         assert stored.attrs == whole.attrs
-        assert stored.period.attrs == whole.period.attrs
+        assert stored.stabilized_period.attrs == whole.stabilized_period.attrs
     assert [entry.name for entry in path.parent.iterdir()] == ["spectrum.nc"]
 
 
@@ -128,11 +193,13 @@ def test_table(tmp_path):
         lines = file.readlines()
     assert "# gravity: 9.81\n" in lines
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    assert len(rows) == spectrum.period.size
+    assert len(rows) == spectrum.stabilized_period.size
     parts = tables.divide_dataset(spectrum, 7)
-    assert max(spectrum.isel(part).period.size for part in parts) <= 7
-    pieces = [spectrum.isel(part).period.values.ravel() for part in parts]
-    np.testing.assert_array_equal(np.concatenate(pieces), spectrum.period.values.ravel())
+    assert max(spectrum.isel(part).stabilized_period.size for part in parts) <= 7
+    pieces = [spectrum.isel(part).stabilized_period.values.ravel() for part in parts]
+    np.testing.assert_array_equal(
+        np.concatenate(pieces), spectrum.stabilized_period.values.ravel()
+    )
     assert (
         tables.compute_overturned_fraction(spectrum)
         == (spectrum.overturning_margin <= 0).mean()
@@ -140,8 +207,8 @@ def test_table(tmp_path):
     for row in (rows[0], rows[-2]):
         heads = {"slenderness": "-", "width": "m", "restitution": "-"}
         at = {name: float(row[f"{name} [{unit}]"]) for name, unit in heads.items()}
-        value = float(spectrum.period.sel(at, method="nearest"))
-        np.testing.assert_allclose(float(row["period [s]"]), value, rtol=1e-6)
+        value = float(spectrum.stabilized_period.sel(at, method="nearest"))
+        np.testing.assert_allclose(float(row["stabilized_period [s]"]), value, rtol=1e-6)
 
 
 def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
@@ -200,7 +267,7 @@ def test_each_point_by_its_model(tmp_path, tolerance, sizes):
     with auto:
         assert auto.model.attrs["flag_meanings"] == "linearized nonlinear"
         assert set(np.unique(auto.model)) == {0, 1}
-        for name in ("rotation_ratio", "peak_rotation", "period", "amplification"):
+        for name in ("rotation_ratio", "peak_rotation", "stabilized_period", "amplification"):
             own = np.where(auto.model == 1, kinds[1][name], kinds[0][name])
             np.testing.assert_allclose(auto[name], own, rtol=1e-12)
             np.testing.assert_allclose(auto[name], kinds[1][name], rtol=tolerance)

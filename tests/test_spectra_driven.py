@@ -10,12 +10,12 @@ import jaxrock as jr
 def test_rocking_spectrum():
     record = jr.example_record().scaled(1.5)
     found = jr.rocking_spectrum(record, [2.0, 4.0], np.array([4.0, 6.0]), [0.7, 0.9])
-    assert dict(found.sizes) == {"period": 2, "slenderness": 2, "restitution": 2}
+    assert dict(found.sizes) == {"free_period": 2, "slenderness": 2, "restitution": 2}
     half_diagonal = 0.75 * 9.81 * (4.0 / (2 * np.pi)) ** 2
     block = jr.Block(half_diagonal / np.sqrt(37), 6.0)
     assert float(2 * np.pi / block.frequency_parameter) == pytest.approx(4.0, rel=1e-6)
     one = jr.respond_batch(block, 0.9, record, record.end)
-    point = found.sel(period=4.0, slenderness=6.0, restitution=0.9)
+    point = found.sel(free_period=4.0, slenderness=6.0, restitution=0.9)
     assert float(point.peak_rotation) == pytest.approx(float(one.peak_rotation), rel=1e-3)
     ratio = float(point.rotation_ratio) * float(block.critical_angle)
     assert ratio == pytest.approx(float(point.peak_rotation), rel=1e-5)
@@ -77,7 +77,7 @@ def test_each_block_at_its_tolerance():
     for rtol in np.unique(auto.rtol):
         at = auto.to_dataframe().reset_index()
         (k, *_) = np.flatnonzero(at["rtol"] == rtol)
-        size = 0.75 * 9.81 * (at["period"][k] / (2 * np.pi)) ** 2
+        size = 0.75 * 9.81 * (at["free_period"][k] / (2 * np.pi)) ** 2
         block = jr.Block(size / np.sqrt(1 + at["slenderness"][k] ** 2), at["slenderness"][k])
         alone = jr.respond_batch(block, 0.9, record, rtol=float(rtol))
         assert float(alone.peak_rotation) == at["peak_rotation"][k]

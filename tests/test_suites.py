@@ -164,7 +164,7 @@ def test_groups_of_records_change_no_bit(monkeypatch):
 @pytest.mark.thorough
 def test_rocking_spectrum(eps, tmp_path):
     found = jr.rocking_spectrum(SUITE, [1.0, 2.0], 4.0)
-    assert found.peak_rotation.dims == ("record", "period", "slenderness")
+    assert found.peak_rotation.dims == ("record", "free_period")
     assert found.record.values.tolist() == ["a", "b", "c"]
     for name, record in zip(SUITE.names, SUITE, strict=True):
         single = jr.rocking_spectrum(record, [1.0, 2.0], 4.0)

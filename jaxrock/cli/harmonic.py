@@ -7,7 +7,7 @@ import numpy as np
 
 from ..block import Block
 from ..driven import uplift_acceleration
-from ..grids import as_axis, write_table
+from ..grids import write_table
 from ..ground_motion import Harmonic
 from ..host import write_whole
 from ..impact import describe_assumed_restitution
@@ -22,7 +22,7 @@ from .options import (
     Grid,
     ModelName,
     SizeOptions,
-    read_numbers,
+    read_axis,
     refuse,
 )
 
@@ -130,9 +130,8 @@ def harmonic(  # noqa: PLR0913
 def _read_frequencies(block: Block, ratios: Grid, frequencies: Grid | None) -> np.ndarray:
     """Read the frequencies of the floor over p [-]."""
     if frequencies is None:
-        return as_axis("frequency_ratio", read_numbers("frequency_ratio", ratios))
-    values = as_axis("frequency", read_numbers("frequency", frequencies))
-    return values * (2 * np.pi / float(block.frequency_parameter))
+        return read_axis("frequency_ratio", ratios)
+    return read_axis("frequency", frequencies) * (2 * np.pi / float(block.frequency_parameter))
 
 
 def _read_amplitudes(
@@ -140,10 +139,10 @@ def _read_amplitudes(
 ) -> np.ndarray:
     """Read the amplitudes of the floor over what just lifts the block [-]."""
     if ratios is not None:
-        return as_axis("amplitude_ratio", read_numbers("amplitude_ratio", ratios))
+        return read_axis("amplitude_ratio", ratios)
     if amplitudes is not None:
         uplift = float(uplift_acceleration(block, as_model(model)))
-        return as_axis("amplitude", read_numbers("amplitude", amplitudes)) / uplift
+        return read_axis("amplitude", amplitudes) / uplift
     # Evenly in logarithms, from gently to far beyond what lifts the block.
     return np.geomspace(0.05, 12, 60)
 
@@ -152,7 +151,7 @@ def _add_axes(dataset: "xarray.Dataset", *axes: Grid | None) -> "xarray.Dataset"
     """Put frequencies and amplitudes as they were asked for, which ratios lose a digit of."""
     for name, values in zip(("frequency", "amplitude"), axes, strict=True):
         if values is not None:
-            exact = dataset[name].copy(data=read_numbers(name, values))
+            exact = dataset[name].copy(data=read_axis(name, values))
             dataset = dataset.assign_coords({name: exact})
     return dataset
 

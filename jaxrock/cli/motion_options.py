@@ -110,7 +110,7 @@ class MotionOptions(RecordOptions):
     amplitude: float | None = None
     """Largest acceleration of the pulse [m/s2]."""
     pulse_duration: float | None = None
-    """Duration of the pulse [s]."""
+    """Duration of the pulse [s]; of a ricker wavelet its period, a quarter of its length."""
 
     @property
     def given(self) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from cyclopts import CoercionError, Group, Parameter, Token
 
 from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
+from ..grids import as_axis
 from ..impact import (
     compute_restitution_by_size,
     describe_assumed_restitution,
@@ -56,6 +57,12 @@ def read_numbers(name: str, values: Grid) -> list[float]:
     if not values:
         raise ValueError(f"{name} must be at least one number, got none")
     return [number for value in values for number in _parse_numbers(name, value)]
+
+
+def read_axis(name: str, values: Grid) -> np.ndarray:
+    """Read the values along an axis of a spectrum; a single one makes no dimension."""
+    numbers = read_numbers(name, values)
+    return as_axis(name, numbers[0] if len(numbers) == 1 else numbers)
 
 
 def _parse_numbers(name: str, value: float | str) -> list[float]:

@@ -46,7 +46,7 @@ _SAMPLES = 1024  # that check moments
 _OF_SCENE = {
     "rotation-ratio": resonance.rotation_ratio,
     "rotation": resonance.stabilized_rotation,
-    "period": resonance.stabilized_period,
+    "stabilized-period": resonance.stabilized_period,
     "amplification": resonance.amplification,
     "margin": resonance.overturning_margin,
 }

@@ -9,10 +9,15 @@ from ..validation import POSITIVE, check
 from .options import BlockOptions, ModelName
 
 AnswerName = Literal[
-    "rotation-ratio", "rotation", "period", "amplification", "margin", "critical-intensity"
+    "rotation-ratio",
+    "rotation",
+    "stabilized-period",
+    "amplification",
+    "margin",
+    "critical-intensity",
 ]
 UNITS_OF_PARAMETERS = {**UNITS, "intensity": "m/s"}
-_UNITS_OF_ANSWERS = {"rotation": "rad", "period": "s", "critical-intensity": "m/s"}
+_UNITS_OF_ANSWERS = {"rotation": "rad", "stabilized-period": "s", "critical-intensity": "m/s"}
 
 
 class Question(NamedTuple):

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ..block import RECTANGLE_INERTIA_RATIO
-from ..grids import as_axis, compute_overturned_fraction, write_table
+from ..grids import compute_overturned_fraction, write_table
 from ..host import write_whole
 from ..spectra import resonance_spectrum
 from ..spectra import rocking_spectrum as compute_rocking_spectrum
-from ..validation import AT_LEAST_ONE, POSITIVE, check
 from .answers import Answer, describe_options, save_picture
 from .motion_options import RecordOptions
 from .options import (
@@ -19,7 +18,7 @@ from .options import (
     Folder,
     Grid,
     StoreOptions,
-    read_numbers,
+    read_axis,
     refuse,
     warn_of_intensity,
 )
@@ -88,17 +87,14 @@ def spectrum(  # noqa: PLR0913
     if model != "auto":
         refuse("--model auto", tolerance=tolerance)
     relative_error = 1e-3 if tolerance is None else tolerance
-    check("gravity", gravity, POSITIVE)
-    check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
-    check("tolerance", relative_error, POSITIVE)
-    intensities = as_axis("intensity", read_numbers("intensity", intensity))
+    intensities = read_axis("intensity", intensity)
     warn_of_intensity(float(intensities.max()))
     compute = functools.partial(
         resonance_spectrum,
-        as_axis("slenderness", read_numbers("slenderness", slenderness)),
-        as_axis("width", read_numbers("width", width)),
-        as_axis("restitution", read_numbers("restitution", restitution)),
-        intensities[0] if len(intensities) == 1 else intensities,  # one is no dimension
+        read_axis("slenderness", slenderness),
+        read_axis("width", width),
+        read_axis("restitution", restitution),
+        intensities,
         model=model,
         tolerance=relative_error,
         gravity=gravity,
@@ -110,10 +106,9 @@ def spectrum(  # noqa: PLR0913
         dataset: "xarray.Dataset", overturned: float, files: Sequence[Path] = ()
     ) -> Answer:
         """Say how many scenes there are, and which fraction of them overturns."""
-        sizes = {str(name): size for name, size in dataset.sizes.items()}
-        count = math.prod(sizes.values())
+        count = math.prod(dataset.sizes.values())
         text = f"{count} scenes, {100 * overturned:.1f} % of them overturn{assumption}"
-        data = {"sizes": sizes, "model": model, "overturned": overturned}
+        data = {"sizes": dict(dataset.sizes), "model": model, "overturned": overturned}
         return Answer(text, data, output, files)
 
     if store_options.wants_store(out, output.force):
@@ -136,7 +131,7 @@ def spectrum(  # noqa: PLR0913
 
 def rocking_spectrum(  # noqa: PLR0913
     *,
-    period: Grid = ("1:4:241", "4.05:8:80"),
+    free_period: Grid = ("1:4:241", "4.05:8:80"),
     slenderness: Grid = (4.0, 6.0, 8.0),
     restitution: Grid | None = None,
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
@@ -154,7 +149,7 @@ def rocking_spectrum(  # noqa: PLR0913
 
     Parameters
     ----------
-    period
+    free_period
         2 pi / p of the blocks [s].
     slenderness
         Height over width [-].
@@ -173,15 +168,12 @@ def rocking_spectrum(  # noqa: PLR0913
         restitution = None if one_sided else (0.9,)
         assumption = f"\nC {'from size against a wall' if one_sided else '= 0.9'} (assumed)"
     about = describe_options("rocking-spectrum", locals())
-    check("inertia_ratio", inertia_ratio, AT_LEAST_ONE)
     compute = functools.partial(
         compute_rocking_spectrum,
         record_options.read(),
-        as_axis("period", read_numbers("period", period)),
-        as_axis("slenderness", read_numbers("slenderness", slenderness)),
-        None
-        if restitution is None
-        else as_axis("restitution", read_numbers("restitution", restitution)),
+        read_axis("free_period", free_period),
+        read_axis("slenderness", slenderness),
+        None if restitution is None else read_axis("restitution", restitution),
         inertia_ratio=inertia_ratio,
         one_sided=one_sided,
     )
@@ -191,8 +183,7 @@ def rocking_spectrum(  # noqa: PLR0913
         overturned = 100 * float(dataset.overturned.mean())
         blocks = f"{dataset.overturned.size} blocks, {overturned:.1f} % of them overturn"
         text = f"{blocks}{assumption}"
-        sizes = {str(name): size for name, size in dataset.sizes.items()}
-        return Answer(text, {"sizes": sizes}, output, files)
+        return Answer(text, {"sizes": dict(dataset.sizes)}, output, files)
 
     if store_options.wants_store(out, output.force):
         return write_store(compute(chunks="auto").assign_attrs(about), store_options, answer)

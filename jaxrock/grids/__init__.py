@@ -14,6 +14,7 @@ from .axes import GridVariable as GridVariable
 from .axes import Values as Values
 from .axes import as_axis as as_axis
 from .axes import describe_axis as describe_axis
+from .axes import expand_scalars as expand_scalars
 from .grid import Grid as Grid
 from .grid import apply_in_tiles as apply_in_tiles
 from .grid import apply_padded as apply_padded

@@ -1,7 +1,7 @@
 """The axes and variables of grids: names, units, types, and the values that axes may have."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from typing_extensions import TypeAliasType
@@ -20,6 +20,10 @@ from ..validation import (
     convert_to_si,
 )
 
+if TYPE_CHECKING:
+    import xarray
+
+_Data = TypeVar("_Data", "xarray.DataArray", "xarray.Dataset")
 Values = TypeAliasType("Values", Number | Sequence[float | int])
 
 DataType = type | np.dtype | str  # of NumPy arrays
@@ -39,7 +43,7 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
     "restitution": ("coefficient of restitution, ratio of velocities", "1", UNIT_INTERVAL),
     "intensity": ("intensity of each pulse", "m s-1", NON_NEGATIVE),
     "factor": ("factor on the ground motion", "1", FINITE),
-    "period": ("period 2 pi / p of the block", "s", POSITIVE),
+    "free_period": ("period 2 pi / p of the block", "s", POSITIVE),
     "frequency_ratio": ("frequency of the pulse over p", "1", POSITIVE),
     "amplitude_ratio": (
         "amplitude of the pulse over the one that just lifts the block",
@@ -55,7 +59,10 @@ _AXES: dict[str, tuple[str, str, Domain]] = {  # long name, unit and domain
 
 
 def as_axis(name: str, value: Values) -> np.ndarray:
-    """Check the values along an axis: one or more, different, and all in its domain."""
+    """Check the values along an axis: one or more, different, and all in its domain.
+
+    A number stays one, without a dimension: it becomes a scalar coordinate of the dataset.
+    """
     _, unit, domain = _AXES[name]
     check_concrete(value, f"{name} is an axis of a dataset")
     if carries_unit(value):
@@ -70,7 +77,6 @@ def as_axis(name: str, value: Values) -> np.ndarray:
             f" got an array of shape {values.shape}"
         )
     check(name, values, domain)
-    values = np.atleast_1d(values)
     # Asked for a value that it has twice, a dataset would give two points instead of one.
     distinct, counts = np.unique(values, return_counts=True)
     if distinct.size < values.size:
@@ -84,3 +90,9 @@ def describe_axis(name: str) -> dict[str, str]:
     """Return the attributes of the coordinate along an axis."""
     long_name, units, _ = _AXES[name]
     return {"long_name": long_name, "units": units}
+
+
+def expand_scalars(data: _Data, *names: str) -> _Data:
+    """Make scalar coordinates dimensions of length 1: some axes have one value."""
+    scalars = [name for name in names if name in data.coords and name not in data.dims]
+    return data.expand_dims(scalars)

@@ -56,11 +56,11 @@ class Grid:
         Title of the dataset.
     axes : mapping of str to ndarray
         The numbers along each axis: values, or the numbers of things such as records, which
-        are in `shared`. An axis that is no dimension of a variable becomes a scalar
+        are in `shared`. An axis that is a single number is no dimension, and becomes a scalar
         coordinate.
     variables : mapping of str to GridVariable
         The variables. Their dimensions are axes in the order of `axes`, and after them
-        `columns`.
+        `columns`; those of axes that are single numbers are left out.
     attributes : mapping
         Attributes of the dataset.
     compute : callable
@@ -93,6 +93,15 @@ class Grid:
     shared: PyTree = None
     whole: str = ""
 
+    def __post_init__(self) -> None:
+        """Leave out the dimensions of axes that are single numbers."""
+        numbers = {name for name, values in self.axes.items() if not values.ndim}
+        variables = {
+            name: variable._replace(dims=tuple(n for n in variable.dims if n not in numbers))
+            for name, variable in self.variables.items()
+        }
+        object.__setattr__(self, "variables", variables)  # of a frozen class
+
     def build_dataset(
         self, chunks: "Chunks | None" = None, store: str | Path | None = None
     ) -> "xarray.Dataset":
@@ -108,17 +117,10 @@ class Grid:
             )
         lazy = import_optional(f"{__package__}.lazy", "cluster")
 
-        # Who chooses chunks sees only the dimensions of the dataset. The other axes have one
-        # value, and thus one chunk.
-        used = {dim for variable in self.variables.values() for dim in variable.dims}
-        sizes = {name: values.size for name, values in self.axes.items()}
-        inner = {name: size for name, size in sizes.items() if name in used}
-        lengths = lazy.choose_chunks(chunks, inner, self.usual)
-        wanted = {}
-        if self.whole:
-            wanted = {self.whole: lengths[self.whole]}
-            lengths[self.whole] = (sizes[self.whole],)
-        lengths |= {name: (size,) for name, size in sizes.items() if name not in used}
+        sizes = {name: values.size for name, values in self.axes.items() if values.ndim}
+        lengths = lazy.choose_chunks(chunks, sizes, self.usual)
+        wanted = {self.whole: lengths[self.whole]} if self.whole else {}
+        lengths |= {name: (sizes[name],) for name in wanted}
 
         # What distinguishes a grid beside its numbers: names of tasks follow from it.
         identity = (self.title, dict(self.attributes), read_version())
@@ -137,31 +139,22 @@ class Grid:
 
     def compute_all(self) -> dict[str, np.ndarray]:
         """Compute all variables in memory."""
-        # What fits into one call is not copied into arrays that are made beforehand.
-        if math.prod(values.size for values in self.axes.values()) <= self.largest:
-            answers = self.compute(self.shared, *self.axes.values())
-            return {
-                name: np.ascontiguousarray(answers[name], variable.dtype)
-                for name, variable in self.variables.items()
-            }
+        sizes = {name: values.size for name, values in self.axes.items()} | {**self.columns}
         arrays = {
-            name: np.empty([self.size(dim) for dim in variable.dims], variable.dtype)
+            name: np.empty([sizes[dim] for dim in variable.dims], variable.dtype)
             for name, variable in self.variables.items()
         }
         self.fill(arrays)
         return arrays
 
-    def size(self, dim: str) -> int:
-        """Return the size along a dimension."""
-        return self.columns[dim] if dim in self.columns else self.axes[dim].size
-
     def fill(self, targets: "Mapping[str, np.ndarray | netCDF4.Variable]") -> None:
         """Compute all variables, part by part, into arrays or variables of a file."""
-        sizes = [values.size for values in self.axes.values()]
-        places = divide_into_chunks(sizes, self.largest)
+        sizes = {name: values.size for name, values in self.axes.items() if values.ndim}
+        places = divide_into_chunks([*sizes.values()], self.largest)
         for place in show_progress(places, self.title.lower()):
-            at = dict(zip(self.axes, place, strict=True))
-            answers = self.compute(self.shared, *(v[at[n]] for n, v in self.axes.items()))
+            at = dict(zip(sizes, place, strict=True))
+            parts = [v[at[n]] if n in at else v for n, v in self.axes.items()]
+            answers = self.compute(self.shared, *parts)
             for name, target in targets.items():
                 # A variable without some of the axes is written once for each chunk along
                 # these, each time with the same numbers.
@@ -178,15 +171,12 @@ class Grid:
 
     def describe_coordinates(
         self,
-    ) -> dict[str, tuple[Sequence[str], np.ndarray | np.generic, Mapping[str, str]]]:
-        """Return the coordinates: all values of a dimension, the only one of another axis."""
-        used = {dim for variable in self.variables.values() for dim in variable.dims}
-        coordinates = {}
-        for name, values in self.axes.items():
-            attributes = self.labels.get(name) or describe_axis(name)
-            dims, content = ((name,), values) if name in used else ((), values[0])
-            coordinates[name] = (dims, content, attributes)
-        return coordinates
+    ) -> dict[str, tuple[Sequence[str], np.ndarray, Mapping[str, str]]]:
+        """Return the coordinates: an array along its dimension, a number without one."""
+        return {
+            name: ((name,) * values.ndim, values, self.labels.get(name) or describe_axis(name))
+            for name, values in self.axes.items()
+        }
 
     def write_netcdf(self, store: str | Path) -> "xarray.Dataset":
         """Compute into a NetCDF file, from which the dataset reads on demand."""
@@ -196,6 +186,7 @@ class Grid:
         path = Path(store)
         coordinates = self.describe_coordinates()
         scalars = " ".join(name for name, (dims, *_) in coordinates.items() if not dims)
+        named = {"coordinates": scalars} if scalars else {}
         # xarray writes the head of the file, and would then want all variables in memory.
         # netCDF4 can fill them part by part. To xarray scalar coordinates are variables like
         # others here, so that what makes them coordinates is written by hand.
@@ -206,9 +197,7 @@ class Grid:
                 for name, (dims, dtype, described) in self.variables.items():
                     missing = math.nan if np.dtype(dtype).kind == "f" else None
                     target = file.createVariable(name, dtype, dims, fill_value=missing)
-                    target.setncatts(
-                        {**described, **({"coordinates": scalars} if scalars else {})}
-                    )
+                    target.setncatts({**described, **named})
                 self.fill({name: file[name] for name in self.variables})
         return xarray.open_dataset(path)
 
@@ -220,12 +209,13 @@ def _compute_part(grid: Grid, shared: PyTree, *parts: np.ndarray) -> dict[str, n
 
 
 def list_points(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """Return the shape of a part of a grid, and each axis' value at each of its points."""
-    shape = tuple(part.size for part in parts)
-    points = np.empty((len(parts), *shape))
-    for place, part in enumerate(parts):
-        points[place] = part.reshape([-1 if k == place else 1 for k in range(len(parts))])
-    return shape, points.reshape(len(parts), -1)
+    """Return the shape of a part of a grid, and each axis' value at each of its points.
+
+    An axis that is a single number adds no dimension to the shape.
+    """
+    shape = tuple(part.size for part in parts if part.ndim)
+    columns = np.meshgrid(*parts, indexing="ij", copy=False)
+    return shape, np.stack(columns).reshape(len(parts), -1)
 
 
 def apply_in_tiles(

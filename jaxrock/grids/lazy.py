@@ -44,12 +44,14 @@ def make_lazy_arrays(
     shape = (tuple(axes), chunks, kinds, columns, settings["enable_x64"])
     token = tokenize(compute, _pack(shared), list(axes.values()), shape, identity)
 
-    place = {name: k for k, name in enumerate((*axes, *columns))}
+    # An axis that is a single number has no dimension, and no chunks.
+    place = {name: k for k, name in enumerate((*chunks, *columns))}
     inputs: list[object] = []
     for name, values in axes.items():
-        lengths: Any = (tuple(chunks[name]),)  # more than the `str` of Dask's default
+        dims = (name,) * values.ndim
+        lengths: Any = tuple(tuple(chunks[dim]) for dim in dims)  # more than Dask's `str`
         array = da.from_array(values, lengths, name=f"jaxrock-{name}-{token}")
-        inputs += [array, (place[name],)]
+        inputs += [array, tuple(place[dim] for dim in dims)]
 
     # As an input of its own: it is sent to each worker once, and not with every task.
     common = delayed(_pack(shared), name=f"jaxrock-shared-{token}", traverse=False)
@@ -58,7 +60,7 @@ def make_lazy_arrays(
     # variables: so they are computed together, once, whichever of them are asked for.
     grid = da.blockwise(
         _run_task,
-        tuple(range(len(axes))),
+        tuple(range(len(chunks))),
         common,
         None,
         *inputs,
@@ -66,18 +68,20 @@ def make_lazy_arrays(
         settings=settings,
         name=f"jaxrock-grid-{token}",
         dtype=object,
-        meta=np.empty((0,) * len(axes), object),
+        meta=np.empty((0,) * len(chunks), object),
     )
 
     def take(name: str, dims: Sequence[str], dtype: DataType) -> da.Array:
         # A variable is the same along axes that it does not have: their first chunk does.
-        part = grid.blocks[tuple(slice(None) if n in dims else slice(1) for n in axes)]
+        # Without any axis there is one chunk, of which Dask would list no blocks.
+        first = tuple(slice(None) if n in dims else slice(1) for n in chunks)
+        part = grid.blocks[first] if first else grid
         new = {place[n]: size for n, size in columns.items() if n in dims}
         return da.blockwise(
             _take_variable,
             tuple(place[dim] for dim in dims),
             part,
-            tuple(range(len(axes))),
+            tuple(range(len(chunks))),
             variable=name,
             new_axes=new,
             name=f"jaxrock-{name}-{token}",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ..host import show_progress, write_whole
 from ..tables import format_heading, write_inputs
 from ..validation import check_kind
+from .axes import expand_scalars
 from .grid import divide_into_chunks
 
 if TYPE_CHECKING:
@@ -39,12 +40,15 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     ...     path = pathlib.Path(folder) / "spectrum.csv"
     ...     jr.write_table(spectrum[["rotation_ratio"]], path)
     ...     print(path.read_text().splitlines()[6])
-    slenderness [-],width [m],restitution [-],rotation_ratio [-],intensity [m/s]
+    slenderness [-],width [m],rotation_ratio [-],restitution [-],intensity [m/s]
     """
     import xarray
 
     hint = "; resonance_spectrum and other functions over grids give one"
     check_kind("dataset", dataset, xarray.Dataset, hint=hint)
+    # A single point has no dimension, and would have no row.
+    if not dataset.dims:
+        dataset = expand_scalars(dataset, *map(str, dataset.coords))
     path = Path(path)
     with (
         write_whole("path", path.parent, [path.name], overwrite=True) as scratch,
@@ -75,6 +79,5 @@ def divide_dataset(
     dataset: "xarray.Dataset", largest: int = 2**18
 ) -> list[dict[Hashable, slice]]:
     """Divide a dataset into parts of at most `largest` points, in the order of the rows."""
-    names = tuple(dataset.sizes)
-    sizes = tuple(dataset.sizes.values())
-    return [dict(zip(names, at, strict=True)) for at in divide_into_chunks(sizes, largest)]
+    places = divide_into_chunks([*dataset.sizes.values()], largest)
+    return [dict(zip(dataset.sizes, place, strict=True)) for place in places]

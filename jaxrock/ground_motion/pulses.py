@@ -35,7 +35,7 @@ class Pulse(Motion):
     amplitude : array_like
         a_p, the largest acceleration [m/s2], finite; negative for a pulse to the other side.
     duration : array_like
-        Duration [s], greater than 0.
+        Duration [s], greater than 0; of a `Ricker` its period, a quarter of its length in time.
     start : array_like, optional
         Time at which it begins [s], at least 0.
 
@@ -223,12 +223,12 @@ class Cosine(Pulse):
 
 
 class Ricker(Pulse):
-    """Symmetric Ricker wavelet; see `Pulse` for the parameters.
+    """Symmetric Ricker wavelet, whose `duration` is its period; see `Pulse` for the parameters.
 
     ``a_p (1 - 2 pi^2 x^2) exp(-pi^2 x^2)`` with x = time / duration - 2, cut off two durations
     before and after its peak, where it has fallen to 1e-15 of it. The duration is T_p, the
-    period at which its Fourier spectrum is largest; the wavelet acts for four of them. Its
-    intensity is 0.
+    period at which its Fourier spectrum is largest. The wavelet acts for four of them: until
+    its `end`. Its intensity is 0.
 
     Examples
     --------

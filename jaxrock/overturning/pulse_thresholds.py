@@ -72,7 +72,7 @@ def critical_amplitude(
     shape : type
         `Rectangular`, `HalfSine`, `Sine`, `Cosine` or `Ricker`.
     duration : array_like
-        Duration of the pulse [s], greater than 0.
+        Duration of the pulse [s], greater than 0; of a `Ricker` its period.
     ratios : sequence of two floats
         The range of amplitudes, as multiples of the amplitude that just lifts the block:
         g tan(alpha_c),

@@ -44,10 +44,9 @@ _LOOKS = [{"linestyle": s, "marker": m, "markersize": 5} for m in _MARKERS for s
 CURVES: list[dict[str, object]] = [{**look, "markevery": 0.1} for look in _LOOKS]
 POINTS: list[dict[str, object]] = [_LOOKS[k + 7 * m] for k in range(7) for m in range(1, 9)]
 
-# Names in words and units, by the names in the code. A name such as "period" is a parameter
-# where it is a dimension, and an answer where it is a variable: hence two tables.
-_PARAMETERS = {
-    "period": (r"period $2\pi/p$ of the block", "s"),
+# Names in words and units, by the names in the code.
+_LABELS = {
+    "free_period": (r"period $2\pi/p$ of the block", "s"),
     "slenderness": (r"slenderness $\lambda$", "1"),
     "width": ("width $2b$", "m"),
     "height": ("height $2a$", "m"),
@@ -61,6 +60,13 @@ _PARAMETERS = {
     "frequency": ("frequency of the floor", "rad s-1"),
     "scale": ("factor on the motion", "1"),
     "factor": ("factor on the motion", "1"),
+    "rotation_ratio": (r"rotation ratio $\alpha^*_{max}/\alpha_c$", "1"),
+    "peak_rotation": (r"peak rotation $\alpha^*_{max}$", "rad"),
+    "stabilized_period": ("stabilized period $T^*$", "s"),
+    "amplification": (r"amplification $\zeta$", "1"),
+    "overturning_margin": ("overturning margin", "1"),
+    "overturning_half_cycle": ("half-cycle that overturns", "1"),
+    "critical_intensity": ("critical intensity", "m s-1"),
 }
 # What is written where a block gets another shape: also what stays as it is.
 _VARIED = {
@@ -68,15 +74,6 @@ _VARIED = {
     "width": (f"{SIZES_IN_WORDS['width']}, $2b$", "m"),
     "height": (f"{SIZES_IN_WORDS['height']}, $2a$", "m"),
     "half_width": (f"{SIZES_IN_WORDS['half_width']}, $b$", "m"),
-}
-_VARIABLES = {
-    "rotation_ratio": (r"rotation ratio $\alpha^*_{max}/\alpha_c$", "1"),
-    "peak_rotation": (r"peak rotation $\alpha^*_{max}$", "rad"),
-    "period": ("stabilized period $T^*$", "s"),
-    "amplification": (r"amplification $\zeta$", "1"),
-    "overturning_margin": ("overturning margin", "1"),
-    "overturning_half_cycle": ("half-cycle that overturns", "1"),
-    "critical_intensity": ("critical intensity", "m s-1"),
 }
 _UNITS = {"1": "-", "m s-1": "m/s", "m s-2": "m/s²", "rad s-1": "rad/s"}
 
@@ -147,9 +144,7 @@ def write_label(variable: xarray.DataArray) -> str:
     """Write name, symbol and unit of a variable or a coordinate, for an axis or a legend."""
     name = str(variable.name)
     attributes = variable.attrs
-    # A coordinate is named after the dimension along which it lies.
-    symbols = _PARAMETERS if variable.name in variable.dims else _VARIABLES
-    named = symbols.get(name, (attributes.get("long_name", name.replace("_", " ")), None))
+    named = _LABELS.get(name, (attributes.get("long_name", name.replace("_", " ")), None))
     return _append_unit(named[0], attributes.get("units", named[1]))
 
 
@@ -158,7 +153,7 @@ def write_parameter_label(name: str, *, varied: bool = False) -> str:
 
     Where a size is `varied` while others stay, the label says what stays.
     """
-    labels = _PARAMETERS | _VARIED if varied else _PARAMETERS
+    labels = _LABELS | _VARIED if varied else _LABELS
     return _append_unit(*labels.get(name, (name.replace("_", " "), None)))
 
 

@@ -5,6 +5,7 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
+from ..grids import expand_scalars
 from .axes import (
     ABOVE,
     BACKDROP,
@@ -54,12 +55,12 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     check_dataset("spectrum", spectrum, ("region", "rotation_ratio"), "harmonic_spectrum(...)")
     ax = get_axes(ax, figsize=(7.2, 4.8))
     # Contours need rising axes, and the amplitude as the first one.
-    spectrum = spectrum.sortby(["frequency_ratio", "amplitude_ratio"])
-    spectrum = spectrum.transpose("amplitude_ratio", "frequency_ratio")
+    axes = ["amplitude_ratio", "frequency_ratio"]
+    spectrum = expand_scalars(spectrum, *axes).sortby(axes).transpose(*axes)
     about = spectrum.attrs
     sized = "frequency" in spectrum.coords
-    across = (spectrum.frequency if sized else spectrum.frequency_ratio).values
-    up = (spectrum.amplitude if sized else spectrum.amplitude_ratio).values
+    across = np.atleast_1d(spectrum.frequency if sized else spectrum.frequency_ratio)
+    up = np.atleast_1d(spectrum.amplitude if sized else spectrum.amplitude_ratio)
     uplift = about["uplift_amplitude"] if sized else 1
     # Amplitudes of 0 have no place on a logarithmic axis.
     if not (up > 0).any():

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
 from .. import resonance
+from ..grids import expand_scalars
 from ..resonance import Linearized, ModelLike, Scene
 from .axes import (
     ACCENT,
@@ -123,7 +124,7 @@ def plot_overturning_map(boundaries: xarray.Dataset, ax: Axes | None = None) -> 
         "boundaries", boundaries, ("overturns_first", "impacts"), "overturning_map(...)"
     )
     ax = get_axes(ax, figsize=(7.2, 4.4))
-    boundaries = boundaries.sortby("frequency_ratio")
+    boundaries = expand_scalars(boundaries, "frequency_ratio").sortby("frequency_ratio")
     ratios = boundaries.frequency_ratio.values
     edges = boundaries.amplitude_ratio.values
     about = boundaries.attrs

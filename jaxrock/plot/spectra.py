@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..block import Block
+from ..grids import expand_scalars
 from ..resonance import critical_slenderness
 from ..validation import as_name, as_text
 from .axes import (
@@ -67,8 +68,8 @@ def plot_curves(
     Parameters
     ----------
     variable : xarray.DataArray
-        With dimensions `along` and `hue` only, for example
-        ``spectrum.rotation_ratio.sel(restitution=0.6)``.
+        With dimensions `along` and `hue` only, each of which may be a scalar coordinate
+        instead, for example ``spectrum.rotation_ratio.sel(restitution=0.6)``.
     hue, along : str
         Dimension that distinguishes the curves, and dimension of the horizontal axis.
     thresholds : xarray.DataArray, optional
@@ -102,7 +103,7 @@ def plot_curves(
     ax, curves = _draw_curves(variable, hue, along, ax)
     name = "overturns beyond" if thresholds is None else "overturning threshold"
     marker = "x"
-    if variable.name == "period":
+    if variable.name == "stabilized_period":
         # Where its last value lies depends on the grid: the period itself has no end.
         name = "grows without bound,\noverturns beyond"
         marker = "^"
@@ -113,7 +114,7 @@ def plot_curves(
             continue
         ends = x[last], y[last]
         limit = np.nan if thresholds is None else float(thresholds.sel({hue: level}))
-        if limit > x[last][-1] and variable.name != "period":
+        if limit > x[last][-1] and variable.name != "stabilized_period":
             # Close to the threshold the ratio lacks of 1 the square root of what the
             # slenderness lacks of the threshold: the parabola that is drawn here.
             remaining = np.linspace(0, 1, 30)[::-1]
@@ -144,7 +145,7 @@ def plot_curves(
         name = ""  # one entry in the legend for the crosses of all curves
     empty = _write_fallen(ax, curves)
     ax = _finish_panel(ax, variable, hue)
-    if empty and thresholds is not None and variable.name != "period":
+    if empty and thresholds is not None and variable.name != "stabilized_period":
         ax.set_ylim(0, 1.1)
     return ax
 
@@ -168,6 +169,7 @@ def _draw_curves(
     variable: xarray.DataArray, hue: str, along: str, ax: Axes | None
 ) -> tuple[Axes, list[_Curve]]:
     """Draw a panel with a curve for each level of `hue`; return the axes and the curves."""
+    variable = expand_scalars(variable, along, hue)
     if set(variable.dims) != {along, hue}:
         raise ValueError(
             f"variable must have the dimensions {along} and {hue}, got {variable.dims}"
@@ -252,13 +254,12 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
         """Draw the curves of one restitution and intensity."""
         thresholds = None
         # Closer to the threshold than any grid is the curve of the ratio, which reaches 1.
-        if variable in ("rotation_ratio", "period") and "intensity" in curves.coords:
-            block = Block(
-                curves.width.values / 2, 1.0, about["gravity"], about["inertia_ratio"]
-            )
+        if variable in ("rotation_ratio", "stabilized_period"):
+            widths = np.atleast_1d(curves.width.values)
+            block = Block(widths / 2, 1.0, about["gravity"], about["inertia_ratio"])
             numbers = float(curves.restitution), float(curves.intensity)
             limits = critical_slenderness(block, *numbers, model=model)
-            thresholds = xarray.DataArray(np.asarray(limits), {"width": curves.width})
+            thresholds = xarray.DataArray(np.asarray(limits), {"width": widths})
         plot_curves(curves, hue="width", ax=panel, thresholds=thresholds)
         pulses = f", $I$ = {curves.intensity:g} m/s" if "intensity" in curves.coords else ""
         panel.set_title(f"$C$ = {curves.restitution:g}{pulses}")
@@ -270,7 +271,7 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
 def _draw_rocking_curves(spectrum: xarray.Dataset, ax: Axes) -> None:
     """Draw the panel of one restitution, or Housner's, with a curve for each slenderness."""
     standing = spectrum.rotation_ratio.where(spectrum.overturned == 0)
-    ax, curves = _draw_curves(standing, hue="slenderness", along="period", ax=ax)
+    ax, curves = _draw_curves(standing, hue="slenderness", along="free_period", ax=ax)
     for k, (_, colour, _, x, y) in enumerate(curves):
         # A single period at which the block stands is a line of no length: it gets a dot.
         stands = np.isfinite(np.pad(y, 1, constant_values=np.nan))
@@ -334,7 +335,7 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     >>> spectrum = jr.rocking_spectrum(jr.Sine(4.0, 0.5), [2.0, 4.0], slenderness=5.0)
     >>> figure = jr.plot.plot_rocking_spectrum(spectrum)
     """
-    check_dataset("spectrum", spectrum, ("period", "overturned"), "rocking_spectrum(...)")
+    check_dataset("spectrum", spectrum, ("free_period", "overturned"), "rocking_spectrum(...)")
     return _draw_panels(
         spectrum, _draw_rocking_curves, (4.0, 3.6), slenderness=5, restitution=4
     )

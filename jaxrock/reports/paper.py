@@ -6,6 +6,7 @@ here compare them with the numbers of ``paper_numbers.py``, and write tables, fi
 report.
 """
 
+import collections
 import csv
 import functools
 import json
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import xarray
 
 _TABLES = {"I": "table_1", "II": "table_2", "III": "table_3"}
+_NOT_CONFIRMED = "not confirmed"
 FILES = (
     "report.md",
     *(f"{table}.csv" for table in _TABLES.values()),
@@ -62,11 +64,11 @@ class Entry:
 
 @dataclass(frozen=True)
 class Finding:
-    """A claim or a fault of the paper, with the figure that it rests on."""
+    """A claim or a fault of the paper, its verdict, and the figure that this rests on."""
 
     where: str
     statement: str
-    valid: bool
+    verdict: str  # of a claim "holds" or how far it does, of a fault "reproduced"
     figure: str
 
 
@@ -91,7 +93,7 @@ class Report:
         findings = [
             f"{finding.where}: {finding.statement} ({finding.figure})"
             for finding in (*self.claims, *self.faults)
-            if not finding.valid
+            if finding.verdict == _NOT_CONFIRMED
         ]
         return entries + findings
 
@@ -101,10 +103,8 @@ class Report:
             "printed": len(self.entries),
             "agreeing": sum(entry.agrees for entry in self.entries),
             "known_faults_in_tables": sum(bool(entry.fault) for entry in self.entries),
-            "claims_that_hold": sum(claim.valid for claim in self.claims),
-            "claims": len(self.claims),
-            "faults_reproduced": sum(fault.valid for fault in self.faults),
-            "faults": len(self.faults),
+            "claims": collections.Counter(claim.verdict for claim in self.claims),
+            "faults": collections.Counter(fault.verdict for fault in self.faults),
             "mismatches": self.mismatches,
         }
 
@@ -140,15 +140,23 @@ def regenerate() -> Report:
 
 
 def judge(row: Mapping[str, Any], numbers: Mapping[str, np.ndarray]) -> Finding:
-    """Check that the numbers of a claim are within their bounds."""
-    valid = True
-    for name, bounds in row["within"].items():
+    """Judge a claim or a fault by its numbers.
+
+    Those in "within" have to be within their bounds. Those in "limited" have not to be: a
+    claim that held for them too would have no limit, and its verdict were wrong.
+    """
+
+    def are_within(name: str, bounds: Sequence[object]) -> bool:
         # A bound that is missing is NaN, to which every comparison is false: hence the
         # negations.
         value = numbers[name]
         low, high = np.asarray(bounds, float).T
-        valid &= bool(np.all(np.isfinite(value) & ~(value <= low) & ~(value >= high)))
-    return Finding(row["where"], row["statement"], valid, row["figure"].format_map(numbers))
+        return bool(np.all(np.isfinite(value) & ~(value <= low) & ~(value >= high)))
+
+    valid = all(are_within(*item) for item in row["within"].items())
+    limited = not any(are_within(*item) for item in row.get("limited", {}).items())
+    verdict = row["verdict"] if valid and limited else _NOT_CONFIRMED
+    return Finding(row["where"], row["statement"], verdict, row["figure"].format_map(numbers))
 
 
 def select_figures() -> dict[str, tuple["xarray.DataArray", str, str]]:
@@ -156,7 +164,7 @@ def select_figures() -> dict[str, tuple["xarray.DataArray", str, str]]:
     spectrum = compute_spectrum()
     zeta, period, ratio = (
         spectrum[name].sel(restitution=[0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8])
-        for name in ("amplification", "period", "rotation_ratio")
+        for name in ("amplification", "stabilized_period", "rotation_ratio")
     )
     return {
         "figure_3": (period.sel(restitution=0.6), "width", "$C$ = 0.6"),
@@ -221,15 +229,16 @@ def _find_thresholds(variable: "xarray.DataArray") -> "xarray.DataArray | None":
 
 
 def summarize(report: Report) -> str:
-    """Summarize in a sentence what agrees."""
-    agreeing = sum(entry.agrees for entry in report.entries)
-    known = sum(bool(entry.fault) for entry in report.entries)
-    claims = sum(claim.valid for claim in report.claims)
-    faults = sum(fault.valid for fault in report.faults)
+    """Summarize in two sentences what agrees."""
+    count: dict[str, Any] = report.count()
+    claims, faults = (
+        ", ".join(f"{verdict}: {number}" for verdict, number in count[name].items())
+        for name in ("claims", "faults")
+    )
     return (
-        f"{agreeing} of {len(report.entries)} printed numbers agree to the digits printed"
-        f" ({known} known to be wrong), {claims} of {len(report.claims)} claims hold,"
-        f" {faults} of {len(report.faults)} known faults reproduced."
+        f"{count['agreeing']} of {count['printed']} printed numbers agree to the digits printed"
+        f" ({count['known_faults_in_tables']} known to be wrong)."
+        f" Claims in words ({claims}), known faults ({faults})."
     )
 
 
@@ -239,23 +248,10 @@ def _write_markdown(report: Report, titles: Mapping[str, str]) -> str:
     lines += [f"{summarize(report)} Gravity 9.81 m/s2, pulses of {INTENSITY} m/s.", ""]
     if report.mismatches:
         lines += ["## Mismatches", "", *(f"- {line}" for line in report.mismatches), ""]
-    for title, verdict in (("Claims", "valid"), ("Faults", "reproduced")):
-        findings = getattr(report, title.lower())
-        rows = [
-            (
-                finding.where,
-                finding.statement,
-                "yes" if finding.valid else "**no**",
-                finding.figure,
-            )
-            for finding in findings
-        ]
-        lines += [
-            f"## {title}",
-            "",
-            *_write_markdown_table(("where", "what", verdict, "figure"), rows),
-            "",
-        ]
+    for title, findings in (("Claims", report.claims), ("Faults", report.faults)):
+        rows = map(astuple, findings)
+        table = _write_markdown_table(("where", "what", "verdict", "figure"), rows)
+        lines += [f"## {title}", "", *table, ""]
     shown = ("quantity", "row", "column", "printed", "computed", "agrees", "nonlinear")
     same = "The last column is the same quantity without linearizing the equation of motion."
     for table in _TABLES:

@@ -149,6 +149,7 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     ----------
     scene : Scene
     model : ModelLike
+        `Linearized` by default, as in the paper; driven motion is `Nonlinear` by default.
 
     Returns
     -------
@@ -176,6 +177,7 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     ----------
     scene : Scene
     model : ModelLike
+        `Linearized` by default, as in the paper; driven motion is `Nonlinear` by default.
 
     Returns
     -------
@@ -201,6 +203,7 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     ----------
     scene : Scene
     model : ModelLike
+        `Linearized` by default, as in the paper; driven motion is `Nonlinear` by default.
 
     Returns
     -------
@@ -229,6 +232,7 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     ----------
     scene : Scene
     model : ModelLike
+        `Linearized` by default, as in the paper; driven motion is `Nonlinear` by default.
 
     Returns
     -------

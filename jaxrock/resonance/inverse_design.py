@@ -51,6 +51,7 @@ def critical_intensity(
     half_cycles : array_like
         n, a whole number from 1 on, or inf.
     model : ModelLike
+        `Linearized` by default, as in the paper; driven motion is `Nonlinear` by default.
 
     Returns
     -------

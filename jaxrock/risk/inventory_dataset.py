@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 # Parameters whose importance is told: what can be built or chosen for an object.
 INVENTORY_PARAMETERS = ("width", "height", "restitution")
-# Long names and units of the answers; the unit of the measure is not known here.
+# Long names and units of the answers, and their dimension beside "object", if they have one;
+# the unit of the measure is not known here.
 _OF_MEASURE = "measure"
-_WORDS = {
+_WORDS: dict[str, tuple[str, ...]] = {
     "one_sided": ("whether it stands against a wall", ""),
     "floor_period": ("period of its floor, 0 on the ground floor", "s"),
     "floor_damping": ("damping ratio of its floor", "1"),
@@ -37,9 +38,9 @@ _WORDS = {
     "uplift_intensity": ("median of the lognormal fragility curve of uplift", _OF_MEASURE),
     "median": ("median of the lognormal fragility curve of overturning", _OF_MEASURE),
     "dispersion": ("dispersion of the curve: standard deviation of ln(level)", "1"),
-    "probability": ("probability of overturning at this level", "1"),
-    "probability_low": ("lower end of its Clopper-Pearson interval", "1"),
-    "probability_high": ("upper end of its Clopper-Pearson interval", "1"),
+    "probability": ("probability of overturning at this level", "1", "level"),
+    "probability_low": ("lower end of its Clopper-Pearson interval", "1", "level"),
+    "probability_high": ("upper end of its Clopper-Pearson interval", "1", "level"),
     "rate": ("rate of overturning", "1/yr"),
     "rate_at_low_restitution": ("rate of overturning with the low restitution", "1/yr"),
     "standard_error": ("standard error of the rate, from record to record", "1/yr"),
@@ -47,7 +48,7 @@ _WORDS = {
         "upper bound of the change by undetected windows and levels beyond the last",
         "1/yr",
     ),
-    "elasticity": ("elasticity: change of the rate in % for 1 % more", "1"),
+    "elasticity": ("elasticity: change of the rate in % for 1 % more", "1", "parameter"),
     "required_width": ("width beyond which the rate is below the target, same height", "m"),
     "required_width_is_bound": (
         "whether the required width is the narrowest that was examined, and may be less",
@@ -72,17 +73,14 @@ def make_inventory_dataset(
     assert isinstance(site.hazard, Hazard)
     order = np.argsort(-answers["rate"], kind="stable")
     measure_in_words, unit, _ = MEASURES[site.measure]
-    dims = {
-        name: ("object", "level") for name in answers if name.startswith("probability")
-    } | {"elasticity": ("object", "parameter")}
     variables = {}
     for name, values in answers.items():
-        long_name, units = _WORDS[name]
+        long_name, units, *along = _WORDS[name]
         described = {"long_name": long_name}
         if units:
             units = unit if units == _OF_MEASURE else units
             described = describe_variable(long_name, units)
-        variables[name] = (dims.get(name, ("object",)), values[order], described)
+        variables[name] = (("object", *along), values[order], described)
     uncertain = inventory.uncertain
     drawn: dict[str, float] = {}
     if uncertain is not None:

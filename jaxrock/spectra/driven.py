@@ -12,7 +12,6 @@ from jaxtyping import PyTree
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..driven import (
     Batch,
-    Labels,
     follow_batch,
     follow_within,
     require_complete,
@@ -79,7 +78,7 @@ _ESTIMATES: dict[str, tuple[DataType, str, str]] = {
 
 def rocking_spectrum(  # noqa: PLR0913
     motion: Motion | Suite,
-    period: Values,
+    free_period: Values,
     slenderness: Values | None = None,
     restitution: Values | None = None,
     *,
@@ -99,8 +98,9 @@ def rocking_spectrum(  # noqa: PLR0913
     motion : Motion or Suite
         A pulse, a `Harmonic` or a `Record`, the same for all blocks; or a `Suite`, each
         record of which acts on all blocks.
-    period : array_like
-        2 pi / p of the blocks [s], a number or one-dimensional.
+    free_period : array_like
+        2 pi / p of the blocks [s], a number or one-dimensional. Here and below an array makes
+        a dimension of the dataset, a number a scalar coordinate.
     slenderness, critical_angle : array_like
         lambda [-] or alpha_c [rad] of the blocks: one of the two.
     restitution : array_like, optional
@@ -110,7 +110,7 @@ def rocking_spectrum(  # noqa: PLR0913
         one-sided blocks the restitution is by default `one_sided_restitution`, and its axis
         has magnitudes.
     factor : array_like, optional
-        Factors on the ground motion [-], which add a dimension.
+        Factors on the ground motion [-].
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
     tolerance : float, optional
@@ -123,9 +123,9 @@ def rocking_spectrum(  # noqa: PLR0913
     Returns
     -------
     xarray.Dataset
-        Has the dimensions (record,) period, slenderness (, restitution and factor), and the
-        variables rotation_ratio, peak_rotation, overturned, margin and impacts at the end of
-        the input.
+        Has the dimensions or scalar coordinates (record,) free_period, slenderness
+        (, restitution and factor), and the variables rotation_ratio, peak_rotation,
+        overturned, margin and impacts at the end of the input.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def rocking_spectrum(  # noqa: PLR0913
     --------
     >>> import jaxrock as jr
     >>> spectrum = jr.rocking_spectrum(jr.Sine(4.0, 0.5), [2.0, 4.0], slenderness=5.0)
-    >>> print(spectrum.overturned.values.ravel())
+    >>> print(spectrum.overturned.values)
     [1 0]
     """
     check("gravity", as_real("gravity", gravity), POSITIVE)
@@ -159,8 +159,8 @@ def rocking_spectrum(  # noqa: PLR0913
         slenderness = 1 / np.tan(angle)
     if as_flag("one_sided", one_sided) and restitution is not None:
         restitution = take_magnitudes(restitution)
-    values = {"period": period, "slenderness": slenderness, "restitution": restitution}
-    values["factor"] = factor
+    values = {"free_period": free_period, "slenderness": slenderness}
+    values |= {"restitution": restitution, "factor": factor}
     axes = {name: as_axis(name, given) for name, given in values.items() if given is not None}
     gravity = float(gravity)
     inertia_ratio = float(inertia_ratio)
@@ -202,7 +202,7 @@ def _make_blocks(
     """Make blocks, restitutions and motions at points of a rocking spectrum."""
     at = dict(zip(names, values, strict=True))
     # p^2 = g / (kappa R), with kappa = I / (m R^2).
-    half_diagonal = 1 / inertia_ratio * gravity * (at["period"] / (2 * math.pi)) ** 2
+    half_diagonal = 1 / inertia_ratio * gravity * (at["free_period"] / (2 * math.pi)) ** 2
     half_width = half_diagonal / np.sqrt(1 + at["slenderness"] ** 2)
     block = Block(half_width, at["slenderness"], gravity, inertia_ratio, one_sided=one_sided)
     c = at["restitution"] if "restitution" in at else apply_padded(estimate_restitution, block)
@@ -235,8 +235,8 @@ def overturning_spectrum(  # noqa: PLR0913
     frequency_ratio : array_like
         omega_p / p [-], a number or one-dimensional; see `Pulse.frequency`.
     amplitude_ratio : array_like
-        a_p / (g tan(alpha_c)), or a_p / (g alpha_c) with `Linearized` [-]. Above 1 a pulse
-        lifts the block.
+        a_p / (g tan(alpha_c)), or a_p / (g alpha_c) with `Linearized` [-], a number or
+        one-dimensional. Above 1 a pulse lifts the block.
     slenderness, restitution, inertia_ratio : float
         lambda [-]; C [-], by default Housner's; and kappa [-], which affects only this
         default.
@@ -249,8 +249,8 @@ def overturning_spectrum(  # noqa: PLR0913
     Returns
     -------
     xarray.Dataset
-        Has the dimensions frequency_ratio and amplitude_ratio and the variables of
-        `rocking_spectrum`. It holds for every size of block.
+        Has frequency_ratio and amplitude_ratio as dimensions or scalar coordinates, and the
+        variables of `rocking_spectrum`. It holds for every size of block.
 
     Raises
     ------
@@ -378,7 +378,9 @@ def _follow_part(
 ) -> dict[str, np.ndarray]:
     """Simulate blocks over a part of a grid, the values along whose axes are the parts."""
     shape, points = list_points(*parts)
-    labels: dict[str, Labels] = dict(zip(axes, parts, strict=True))
+    labels: dict[str, np.ndarray | Sequence[str]] = dict(
+        zip(axes, map(np.atleast_1d, parts), strict=True)
+    )
     if isinstance(shared, Suite):
         shape = (len(shared), *shape)
         labels = {"record": shared.names, **labels}
@@ -388,7 +390,8 @@ def _follow_part(
     else:
         estimate = follow_within(batch, tolerance, model)
         response = estimate.response
-    require_complete(np.reshape(response.complete, shape), **labels)
+    complete = np.reshape(response.complete, [len(values) for values in labels.values()])
+    require_complete(complete, **labels)
     # One value for blocks of one shape, else one for each point.
     angles = apply_padded(lambda block: block.critical_angle, batch.block)
     ratio = np.asarray(response.peak_rotation) / angles

@@ -22,6 +22,7 @@ from ..grids import (
     apply_in_tiles,
     as_axis,
     describe_axis,
+    expand_scalars,
     list_points,
 )
 from ..ground_motion import Harmonic
@@ -87,8 +88,8 @@ def harmonic_spectrum(
     frequency_ratio : array_like
         omega / p [-], a number or one-dimensional.
     amplitude_ratio : array_like
-        Amplitude over g tan(alpha_c), or over g alpha_c with `Linearized` [-]. Above 1 the
-        floor lifts the block.
+        Amplitude over g tan(alpha_c), or over g alpha_c with `Linearized` [-], a number or
+        one-dimensional. Above 1 the floor lifts the block.
     slenderness, restitution, inertia_ratio : float
         lambda [-]; C [-], by default Housner's; and kappa [-], which affects only this
         default.
@@ -102,13 +103,14 @@ def harmonic_spectrum(
     Returns
     -------
     xarray.Dataset
-        Has the dimensions frequency_ratio and amplitude_ratio. The variables velocity_ratio
-        (launch velocity over critical velocity), rotation_ratio, phase, trace and multiplier
-        (the larger modulus) describe the motion of `harmonic_orbit`; NaN where there is no
-        orbit. The variable region is no_orbit or stable or, for an unstable orbit, the
-        outcome of a block launched near it: symmetry_broken if it continues to rock in
-        another way, overturned if it reaches pi / 2. The variable from_rest is the outcome of
-        a block that starts from rest. All hold for every size of block.
+        Has frequency_ratio and amplitude_ratio as dimensions or scalar coordinates. The
+        variables velocity_ratio (launch velocity over critical velocity), rotation_ratio,
+        phase, trace and multiplier (the larger modulus) describe the motion of
+        `harmonic_orbit`; NaN where there is no orbit. The variable region is no_orbit or
+        stable or, for an unstable orbit, the outcome of a block launched near it:
+        symmetry_broken if it continues to rock in another way, overturned if it reaches
+        pi / 2. The variable from_rest is the outcome of a block that starts from rest. All
+        hold for every size of block.
 
     Raises
     ------
@@ -220,7 +222,7 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
     uplift = float(uplift_acceleration(block, as_model(spectrum.attrs["model"])))
     hertz = float(block.frequency_parameter) / (2 * np.pi)
     described = {
-        name: (ratio, spectrum[ratio].values * unit, describe_axis(name))
+        name: (spectrum[ratio].dims, spectrum[ratio].values * unit, describe_axis(name))
         for name, ratio, unit in (
             ("frequency", "frequency_ratio", hertz),
             ("amplitude", "amplitude_ratio", uplift),
@@ -264,7 +266,8 @@ def _compute_floors(
     from_rest = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
     peak_from_rest = np.asarray(follow_batch(from_rest, model).peak_rotation)
     known = ~np.isnan(peak_near_orbit + peak_from_rest)
-    require_complete(known.reshape(shape), frequency_ratio=parts[0], amplitude_ratio=parts[1])
+    labels = dict(zip(_AXES, map(np.atleast_1d, parts), strict=True))
+    require_complete(known.reshape([values.size for values in labels.values()]), **labels)
     answers = {
         "velocity_ratio": np.asarray(orbit.launch_velocity) / critical,
         "rotation_ratio": orbit.rotation_ratio,
@@ -332,5 +335,6 @@ def lowest_stable_amplitude(dataset: "xarray.Dataset") -> "xarray.DataArray":
     xarray.DataArray
         Amplitude [m/s2] over the increasing frequency, NaN where it is stable at none.
     """
+    dataset = expand_scalars(dataset, *_AXES)
     stable = dataset.region == _FLAGS["region"][1].split().index("stable")
     return dataset.amplitude.where(stable).min("amplitude_ratio").sortby("frequency_ratio")

@@ -73,10 +73,11 @@ def overturning_map(  # noqa: PLR0913
     Returns
     -------
     xarray.Dataset
-        Has the dimensions frequency_ratio and boundary and the variables amplitude_ratio (NaN
-        beyond the number of boundaries), overturns_beyond and impacts. Along frequency_ratio
-        alone it has overturns_first and count, the number of all boundaries, listed or not;
-        see `Boundaries`. All hold for every size of block.
+        Has frequency_ratio as a dimension or scalar coordinate, the dimension boundary, and
+        along both the variables amplitude_ratio (NaN beyond the number of boundaries),
+        overturns_beyond and impacts. Along frequency_ratio alone it has overturns_first and
+        count, the number of all boundaries, listed or not; see `Boundaries`. All hold for
+        every size of block.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def overturning_map(  # noqa: PLR0913
     boundaries = None
     if max_boundaries is None and chunks is None:
         boundaries = compute(0, shared, ratios)
-        max_boundaries = boundaries["amplitude_ratio"].shape[1]
+        max_boundaries = boundaries["amplitude_ratio"].shape[-1]
     columns = _LISTED if max_boundaries is None else max_boundaries
     variables: dict[str, GridVariable] = {}
     for name, (dims, dtype, long_name) in _BOUNDARIES.items():
@@ -153,6 +154,8 @@ def _search_boundaries(
     ratios: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Search boundaries at some frequencies; list `columns` of them, or all if it is 0."""
+    shape = ratios.shape  # () of a single frequency
+    ratios = np.atleast_1d(ratios)
     durations = kind.angle / (ratios * rate)
     block, c = shared
     boundaries = search_amplitudes_alone(block, c, kind, durations, *search)
@@ -170,9 +173,7 @@ def _search_boundaries(
         name: np.pad(values, ((0, 0), (0, room)), constant_values=missing[name])
         for name, values in answers.items()
     }
-    cut = {name: values[:, : columns or None] for name, values in padded.items()}
-    return {
-        **cut,
-        "overturns_first": np.asarray(boundaries.overturns_first, np.int8),
-        "count": np.asarray(boundaries.count),
-    }
+    answers = {name: values[:, : columns or None] for name, values in padded.items()}
+    answers["overturns_first"] = np.asarray(boundaries.overturns_first, np.int8)
+    answers["count"] = np.asarray(boundaries.count)
+    return {name: v.reshape((*shape, *v.shape[1:])) for name, v in answers.items()}

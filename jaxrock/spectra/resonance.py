@@ -1,7 +1,7 @@
 """Resonance spectra: functions of one scene, mapped along each axis of a grid."""
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -39,7 +39,7 @@ _USUAL = 2**20  # points in a chunk of a lazy dataset
 _VARIABLES = {  # long name and unit
     "rotation_ratio": ("stabilized peak rotation over critical angle", "1"),
     "peak_rotation": ("stabilized peak rotation", "rad"),
-    "period": ("stabilized period", "s"),
+    "stabilized_period": ("stabilized period", "s"),
     "amplification": ("stabilized peak rotation over peak after the first pulse", "1"),
     "overturning_margin": (
         "missing energy over the energy barrier, overturns at 0 or less",
@@ -75,14 +75,15 @@ def resonance_spectrum(  # noqa: PLR0913
     Parameters
     ----------
     slenderness, width, restitution, intensity : array_like
-        lambda [-], full width 2b [m], C [-] and I [m/s], numbers or one-dimensional. The first
-        three always are dimensions of the dataset, the intensity only if it is an array.
+        lambda [-], full width 2b [m], C [-] and I [m/s], numbers or one-dimensional. An array
+        makes a dimension of the dataset, a number a scalar coordinate.
     model : Linearized or Nonlinear, their names, or "auto"
+        `Linearized` by default, as in the paper; driven motion is `Nonlinear` by default.
         "auto" takes at each point the cheapest model within `tolerance`; the variable model
         names it.
     tolerance : float
-        For "auto": relative tolerance of rotation_ratio, peak_rotation, period and
-        critical_intensity.
+        For "auto": relative tolerance of rotation_ratio, peak_rotation, stabilized_period
+        and critical_intensity.
     gravity, inertia_ratio, one_sided : float, float, bool
         g [m/s2], kappa [-], and whether all blocks stand against a wall; see `Block`. For
         one-sided blocks the axis ``restitution`` has magnitudes.
@@ -102,10 +103,11 @@ def resonance_spectrum(  # noqa: PLR0913
     Returns
     -------
     xarray.Dataset
-        Has the dimensions slenderness, width, restitution (and intensity), and the variables
-        rotation_ratio, peak_rotation, period, amplification, overturning_margin,
-        overturning_half_cycle and critical_intensity. Quantities that presuppose a standing
-        block are NaN where it overturns; overturning_margin shows where.
+        Has slenderness, width, restitution and intensity as dimensions or scalar coordinates,
+        and the variables rotation_ratio, peak_rotation, stabilized_period, amplification,
+        overturning_margin, overturning_half_cycle and critical_intensity, which does not
+        depend on the intensity. Quantities that presuppose a standing block are NaN where it
+        overturns; overturning_margin shows where.
 
     Raises
     ------
@@ -117,7 +119,7 @@ def resonance_spectrum(  # noqa: PLR0913
     --------
     >>> import jaxrock as jr
     >>> spectrum = jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
-    >>> print(spectrum.rotation_ratio.sel(width=0.4, restitution=0.6).values.round(3))
+    >>> print(spectrum.rotation_ratio.sel(width=0.4).values.round(3))
     [0.077 0.317]
     """
     constants = {"gravity": gravity, "inertia_ratio": inertia_ratio}
@@ -139,16 +141,15 @@ def resonance_spectrum(  # noqa: PLR0913
         name: as_axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)
     }
     warn_of_size("width", axes["width"])
-    dims = RESONANCE_AXES if np.ndim(np.asarray(intensity)) else RESONANCE_AXES[:3]
     variables = {
         name: GridVariable(
-            dims, jnp.result_type(float), {"long_name": long_name, "units": units}
+            RESONANCE_AXES, jnp.result_type(float), {"long_name": long_name, "units": units}
         )
         for name, (long_name, units) in _VARIABLES.items()
     }
     # The critical intensity is itself a value along the axis of intensities.
     critical = variables["critical_intensity"]
-    variables["critical_intensity"] = critical._replace(dims=dims[:3])
+    variables["critical_intensity"] = critical._replace(dims=RESONANCE_AXES[:3])
     numbers = {name: float(value) for name, value in constants.items()}
     attributes = {"model": "auto", **numbers, "gravity_units": "m s-2"}
     if one_sided:
@@ -160,17 +161,16 @@ def resonance_spectrum(  # noqa: PLR0913
         )
     else:
         attributes["tolerance"] = tolerance
-        variables["model"] = GridVariable(dims, np.int8, _MODEL)
+        variables["model"] = GridVariable(RESONANCE_AXES, np.int8, _MODEL)
         compute = functools.partial(
             _compute_by_cheapest, one_sided=one_sided, tolerance=tolerance, devices=devices
         )
-    ranks = {name: len(variable.dims) for name, variable in variables.items()}
     grid = Grid(
         "Resonance spectra of rigid rocking blocks",
         axes,
         variables,
         attributes,
-        functools.partial(_compute_chunk, compute, ranks),
+        functools.partial(_compute_chunk, compute),
         _LARGEST,
         _USUAL,
         shared=tuple(shared),
@@ -183,7 +183,7 @@ def _compute_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
     return {
         "rotation_ratio": resonance.rotation_ratio(scene, model),
         "peak_rotation": resonance.stabilized_rotation(scene, model),
-        "period": resonance.stabilized_period(scene, model),
+        "stabilized_period": resonance.stabilized_period(scene, model),
         "amplification": resonance.amplification(scene, model),
         "overturning_margin": resonance.overturning_margin(scene, model),
         "overturning_half_cycle": resonance.overturning_half_cycle(scene, model),
@@ -198,20 +198,17 @@ def _critical_intensity(scene: Scene, model: RockingModel) -> Array:
 
 def _compute_chunk(
     compute: Callable[..., dict[str, np.ndarray]],
-    ranks: Mapping[str, int],
     shared: Sequence[Array],
     *parts: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Compute all variables over a chunk; `ranks` says how many axes each of them has."""
+    """Compute all variables over a chunk."""
     shape, points = list_points(*parts)
-    answers = compute(points, shared)
-    full = len(shape)
-    # A variable with fewer dimensions is the same along the others: the first point stands for
-    # all of them.
-    return {
-        name: answers[name].reshape(shape)[(..., *[0] * (full - rank))]
-        for name, rank in ranks.items()
-    }
+    answers = {name: v.reshape(shape) for name, v in compute(points, shared).items()}
+    # The critical intensity is the same along the axis of intensities: the first point stands
+    # for all of them.
+    if parts[-1].ndim:
+        answers["critical_intensity"] = answers["critical_intensity"][..., 0]
+    return answers
 
 
 def _compute_by_model(

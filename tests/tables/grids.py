@@ -26,7 +26,7 @@ GRIDS = {
         lambda **chunks: jr.rocking_spectrum(
             record(200, 3), [1.0, 2.0, 3.0], [4.0, 6.0], **chunks
         ),
-        [{"period": 1}, {"period": 2, "slenderness": 1}],
+        [{"free_period": 1}, {"free_period": 2, "slenderness": 1}],
     ),
     "rocking of a suite": (
         lambda **chunks: jr.rocking_spectrum(

@@ -67,8 +67,9 @@ def respond(  # noqa: PLR0913
         Of diffrax: "Tsit5", "Dopri5" or "Dopri8". On records, where steps end at every
         sample, "Dopri8" with a loose `rtol` is more accurate.
     model : Nonlinear or Linearized, or their names
-        Equation of motion. `Linearized` is the linearized equation of the literature. Its
-        limit for short pulses differs from Eq. 2 by a factor of cos(alpha_c).
+        Equation of motion: `Nonlinear` by default, while closed forms such as
+        `rotation_ratio` are `Linearized` by default. `Linearized` is here the equation of the
+        literature. Its limit for short pulses differs from Eq. 2 by a factor of cos(alpha_c).
     max_impacts : int
         Length of the lists of impacts under `jit`, `vmap` and derivatives; 0 for no lists.
         `history` needs the lists. Outside of transformations all impacts are listed.
