@@ -1,0 +1,141 @@
+"""Commands, by the JSON that they print, and the reports."""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import jaxrock as jr
+from jaxrock.reports import paper
+
+from .table import group, run_command
+
+SIZE = ("--width", 0.8, "--slenderness", 5, "--restitution", 0.7)
+SLIM = ("--width", 0.2, "--slenderness", 5, "--restitution", 0.9)
+SINE = ("--pulse", "sine", "--pulse-duration", 0.5)
+
+
+def list_json(tree: Any, prefix: str) -> Iterator[tuple]:
+    """List an answer in JSON: rows by their columns, a mapping of numbers as one answer."""
+    if isinstance(tree, dict):
+        values = [tree[name] for name in sorted(tree)]
+        if all(value is None or isinstance(value, int | float) for value in values):
+            yield prefix, fill_gaps(values)
+            return
+        for name, value in tree.items():
+            if name != "files":
+                yield from list_json(value, f"{prefix}/{name}")
+    elif isinstance(tree, list) and tree and isinstance(tree[0], dict):
+        for name in tree[0]:
+            yield from list_json([row[name] for row in tree], f"{prefix}/{name}")
+    else:
+        yield prefix, fill_gaps(tree if isinstance(tree, list) else [tree])
+
+
+def fill_gaps(values: list) -> list:
+    """Null is a number that does not exist."""
+    if any(isinstance(value, str) for value in values):
+        return values
+    return [np.nan if value is None else value for value in values]
+
+
+def run_all(commands: dict[str, tuple]) -> Iterator[tuple]:
+    with tempfile.TemporaryDirectory() as folder:
+        for name, words in commands.items():
+            writes = words[0] not in ("assess", "critical")
+            out = ("--out", Path(folder) / name) if writes else ()
+            yield from list_json(run_command(*words, *out), name)
+
+
+@group("commands/closed", 1e-10, by_default=True)
+def answer_closed():
+    pulses = ("--intensity", 0.15)
+    yield from run_all(
+        {
+            "assess": ("assess", *SIZE, *pulses, "--tolerance", 1e-3),
+            "assess_one_sided": ("assess", "--width", 0.8, "--height", 4, "--one-sided"),
+            "critical": ("critical", *SIZE, "--half-cycles", 1, 5, "inf"),
+        }
+    )
+
+
+@group("commands/closed_with_files", 1e-9)
+def answer_with_files():
+    grid = ("--slenderness", "3:10:8", "--width", 0.4, 1.2, "--restitution", 0.6, 0.8)
+    yield from run_all(
+        {
+            "spectrum": ("spectrum", *grid),
+            "sensitivity": ("sensitivity", *SIZE, "--answer", "rotation-ratio"),
+        }
+    )
+
+
+@group("commands/driven", 1e-7)
+def answer_driven():
+    pulse = (*SINE, "--amplitude", 2.5)
+    few = ("--frequency", 1, 2, "--amplitude", 3, "--cycles", 5)
+    samples = ("--samples", 64, "--seed", 1)
+    yield from run_all(
+        {
+            "respond": ("respond", *SLIM, *pulse),
+            "critical_pulse": ("critical", *SLIM, *SINE),
+            "harmonic": ("harmonic", *SLIM, *few),
+            "outcomes": ("sensitivity", *SLIM, *pulse, *samples),
+        }
+    )
+
+
+@group("commands/records", 1e-6)
+def answer_for_records():
+    """Of sturdy blocks, whose boundaries under the record are not chaotic."""
+    block = ("--width", 0.8, "--height", 2.4, "--restitution", 0.5)
+    levels = ("--levels", 0.2, 0.5, 0.8)
+    yield from run_all(
+        {
+            "respond": ("respond", *block, "--record", "example"),
+            "rocking_spectrum": (
+                *("rocking-spectrum", "--record", "example", "--restitution", 0.5),
+                *("--period", 2, 4, "--slenderness", 3),
+            ),
+            "fragility": ("fragility", *block, "--records", "example", *levels),
+        }
+    )
+
+
+@group("commands/fit", 1e-5)
+def answer_of_fits():
+    ratios = 0.9 * 0.9 ** np.arange(11)
+    times = np.cumsum(np.append(0.5, 2 / 3.8 * np.arctanh(ratios)))
+    times = times + np.random.default_rng(12).normal(0, 1e-3, 12)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "times.csv"
+        path.write_text("time [s]\n" + "".join(f"{time:.6f}\n" for time in times))
+        answer = run_command("fit", path, "--out", Path(folder) / "out")
+        yield from list_json(answer, "fit")
+
+
+@group("reports/assess", 1e-10)
+def assess():
+    for model, restitution in (("settles", 0.7), ("overturns", 0.95)):
+        scene = jr.Scene(jr.Block(0.4, 5.0), restitution, 0.15)
+        yield from list_json(jr.assess(scene), f"{model}")
+
+
+@group("reports/paper", 1e-9)
+def regenerate_paper():
+    """The paper's tables and claims: what they print, what is computed, and the verdicts."""
+    report = paper.regenerate()
+    tables = {}
+    for entry in report.entries:
+        name = f"table_{entry.table}/{entry.quantity.replace(' ', '_')}"
+        tables.setdefault(name, []).append(entry)
+    for name, entries in tables.items():
+        yield f"{name}/computed", [entry.computed for entry in entries]
+        yield f"{name}/nonlinear", [entry.nonlinear for entry in entries]
+        yield f"{name}/agrees", [entry.agrees for entry in entries]
+    for name in ("claims", "faults"):
+        findings = getattr(report, name)
+        yield f"{name}/valid", [finding.valid for finding in findings]
+        yield f"{name}/figure", [finding.figure for finding in findings]
