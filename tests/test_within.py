@@ -14,6 +14,8 @@ from references import stepping
 from tools.selection import some_by_default
 
 import jaxrock as jr
+from jaxrock.driven.many_blocks import to_tolerance
+from jaxrock.driven.many_blocks.respond_many import simulate_batch
 
 pytestmark = pytest.mark.float64
 
@@ -154,6 +156,25 @@ def assert_certificates(kind, seed, size, few):
 @pytest.mark.parametrize("kind", some_by_default(KINDS, {"windows", "pulses"}))
 def test_what_is_certified_is_true(kind):
     assert_certificates(kind, 1, 150 if kind in ("windows", "sines") else 1000, 0)
+
+
+def test_companions_of_blocks_that_impacts_stop(monkeypatch):
+    """With C = 0 they have bounces that the response has not, and sums over impacts as well."""
+    simulations = []
+
+    def simulate(batch, *rest):
+        simulated = simulate_batch(batch, *rest)
+        simulations.append((batch.restitution, simulated))
+        return simulated
+
+    monkeypatch.setattr(to_tolerance, "simulate_batch", simulate)
+    scenes = draw_harmonic(1, 1000)
+    jr.respond_within(scenes.blocks, 0.0, scenes.make(1), 1e-4)
+    restitution, simulated = zip(*simulations[:3], strict=True)
+    assert np.max(restitution[:2]) == 0
+    assert 0 < np.min(restitution[2]) <= np.max(restitution[2]) < 1e-13
+    for response, impact_sum in simulated:
+        np.testing.assert_array_equal(impact_sum.energy > 0, response.impacts > 0)
 
 
 def cast(tree, dtype):

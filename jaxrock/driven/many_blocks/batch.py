@@ -70,7 +70,7 @@ class Batch(eqx.Module):
             return jax.tree.map(lambda leaf: namespace.asarray(leaf, dtype), tree)
 
         if isinstance(motion, GroundMotions):
-            ground = replace(motion, numbers=convert(motion.numbers))
+            ground = motion.replace_numbers(convert(motion.numbers))
         else:
             axes = max(axes, *(np.ndim(leaf) for leaf in jax.tree.leaves(numbers)))
             if isinstance(motion, Suite):
@@ -80,8 +80,8 @@ class Batch(eqx.Module):
             ground = convert_motion(convert(motion), axes, grouped=namespace is np)
             if namespace is jnp:
                 # Only `advance` may lead to a start before time 0; NaN is not valid.
-                start = jnp.where(ground.numbers.start >= 0, ground.numbers.start, jnp.nan)
-                ground = replace(ground, numbers=ground.numbers._replace(start=start))
+                start = jnp.where(ground.start >= 0, ground.start, jnp.nan)
+                ground = ground.replace_numbers(ground.numbers._replace(start=start))
         if rotation is not None or velocity is not None:
             rotation = 0.0 if rotation is None else rotation
             velocity = 0.0 if velocity is None else velocity
@@ -89,7 +89,7 @@ class Batch(eqx.Module):
             block=convert(block),
             restitution=convert(restitution),
             ground=ground,
-            until=ground.numbers.end if duration is None else convert(duration),
+            until=ground.end if duration is None else convert(duration),
             rotation=convert(rotation),
             velocity=convert(velocity),
         )
@@ -145,7 +145,7 @@ class Batch(eqx.Module):
             return np.broadcast_to(leaf, shape).flat[index]
 
         numbers = jax.tree.map(take, self.ground.numbers)
-        ground = replace(self.ground, numbers=numbers)
+        ground = self.ground.replace_numbers(numbers)
         block_values = (self.block, self.restitution, self.until, self.rotation, self.velocity)
         block, restitution, until, rotation, velocity = jax.tree.map(take, block_values)
         return Batch(block, restitution, ground, until, rotation, velocity)
@@ -161,7 +161,6 @@ class Batch(eqx.Module):
         as the first period of a `Harmonic`. The end of the motions moves as well.
         """
         time = choose_namespace([time]).asarray(time, self.dtype)
-        before = self.ground.numbers
-        numbers = before._replace(start=before.start - time, end=before.end - time)
-        ground = replace(self.ground, numbers=numbers)
-        return replace(self, ground=ground, until=self.until - time)
+        ground = self.ground
+        numbers = ground.numbers._replace(start=ground.start - time, end=ground.end - time)
+        return replace(self, ground=ground.replace_numbers(numbers), until=self.until - time)

@@ -8,7 +8,6 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -63,20 +62,32 @@ class GroundMotions(eqx.Module):
     parts : tuple of GroundInput
         Inputs for a factor of 1. There is one, unless records are so many that they are
         followed in groups, for the sake of memory.
-    numbers : MotionNumbers
-        The numbers that differ from block to block.
+    factor, length, start, end, motion : Array
+        See `MotionNumbers`.
     begins : tuple of int
         The first record of each part.
     """
 
     parts: tuple[GroundInput, ...]
-    numbers: MotionNumbers
+    factor: HostNumbers
+    length: HostNumbers
+    start: HostNumbers
+    end: HostNumbers
+    motion: HostNumbers
     begins: tuple[int, ...] = eqx.field(static=True, default=(0,))
+
+    @property
+    def numbers(self) -> MotionNumbers:
+        """The numbers that differ from block to block."""
+        return MotionNumbers(self.factor, self.length, self.start, self.end, self.motion)
+
+    def replace_numbers(self, numbers: MotionNumbers) -> "GroundMotions":
+        """Return the same inputs for other blocks."""
+        return GroundMotions(self.parts, *numbers, begins=self.begins)
 
     def scaled(self, factor: Number) -> "GroundMotions":
         """Return stronger or weaker motions."""
-        numbers = self.numbers._replace(factor=self.numbers.factor * factor)
-        return replace(self, numbers=numbers)
+        return eqx.tree_at(lambda ground: ground.factor, self, self.factor * factor)
 
 
 def convert_motion(
@@ -100,9 +111,10 @@ def convert_motion(
         return _convert_suite(motion.records, axes, grouped)
     if isinstance(motion, RecordVariants):
         ground = _convert_suite(motion.records, axes, grouped)
+        numbers = ground.numbers
         variants = motion.records[0].acceleration.shape[0]
-        chosen = ground.numbers.motion * variants + motion.which
-        return replace(ground, numbers=ground.numbers._replace(motion=chosen))
+        numbers = numbers._replace(motion=numbers.motion * variants + motion.which)
+        return ground.replace_numbers(numbers)
     assert isinstance(motion, Record)
     return _convert_record(motion, grouped)
 
@@ -111,8 +123,7 @@ def _convert_pulses(
     ground: PulseInput, motion: Pulse | Harmonic, length: HostNumbers, end: HostNumbers
 ) -> GroundMotions:
     only = np.zeros((), ground.extent.dtype)
-    numbers = MotionNumbers(motion.amplitude, length, motion.start, end, only)
-    return GroundMotions((ground,), numbers)
+    return GroundMotions((ground,), motion.amplitude, length, motion.start, end, only)
 
 
 def _convert_record(record: Record, grouped: bool) -> GroundMotions:
@@ -131,8 +142,9 @@ def _convert_record(record: Record, grouped: bool) -> GroundMotions:
     counts = [samples[0].shape[-1]] * number
     parts, begins = _lay_out([part.reshape(-1) for part in samples], counts, grouped)
     motions = np.arange(number, dtype=samples[0].dtype).reshape(shape)
-    numbers = MotionNumbers(record.scale, record.time_step, record.start, end, motions)
-    return GroundMotions(parts, numbers, begins)
+    return GroundMotions(
+        parts, record.scale, record.time_step, record.start, end, motions, begins
+    )
 
 
 def _convert_suite(records: Sequence[Record], axes: int, grouped: bool) -> GroundMotions:
@@ -166,14 +178,15 @@ def _convert_suite(records: Sequence[Record], axes: int, grouped: bool) -> Groun
     parts, begins = _lay_out([join_samples(name) for name in names], counts, grouped)
     ends = [record.start + record._last_index * record.time_step for record in records]
     dtype = records[0].acceleration.dtype
-    numbers = MotionNumbers(
+    return GroundMotions(
+        parts,
         make_column([record.scale for record in records]),
         make_column([record.time_step for record in records]),
         make_column([record.start for record in records]),
         make_column(ends),
         make_column([np.asarray(k, dtype) for k in range(len(records))]),
+        begins,
     )
-    return GroundMotions(parts, numbers, begins)
 
 
 def _lay_out(

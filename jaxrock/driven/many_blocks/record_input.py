@@ -94,14 +94,11 @@ class RecordInput(GroundInput):
             needed = (needed[0] + tangent * vertical[0], needed[1] + tangent * vertical[1])
         last = evaluate(horizontal, time_left)
         needed_last = evaluate(needed, time_left)
-        if equation.one_sided:
-            at_once = horizontal[0] > needed[0]
-            lifted = at_once | (last > needed_last)
-            side = jnp.ones_like(last)
-        else:
-            at_once = jnp.abs(horizontal[0]) > needed[0]
-            lifted = at_once | (jnp.abs(last) > needed_last)
-            side = jnp.where(jnp.where(at_once, horizontal[0], last) < 0, -1.0, 1.0)
+        magnitude = jnp.asarray if equation.one_sided else jnp.abs
+        at_once = magnitude(horizontal[0]) > needed[0]
+        lifted = at_once | (magnitude(last) > needed_last)
+        backward = jnp.where(at_once, horizontal[0], last) < 0
+        side = jnp.where(backward & (not equation.one_sided), -1.0, 1.0)
         if vertical and not equation.one_sided:
             # Where the ground falls away faster than g, the push needed is negative, and both
             # sides are lifted within the interval: the first one counts.

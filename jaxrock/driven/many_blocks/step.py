@@ -233,7 +233,7 @@ def take_step(
     # A block at rest that is not lifted at once stays there, whatever derivatives its initial
     # state has: these become 0, and no value changes. Else they are of the lifted side.
     forgets = before_end & ~(lifted & (wait <= 0))
-    turns = lanes.side * uplift_side
+    turns = jnp.where(lifted, lanes.side * uplift_side, 1)
 
     def stand(kept: Reals) -> Reals:
         return jnp.where(forgets, jax.lax.stop_gradient(kept), turns * kept)

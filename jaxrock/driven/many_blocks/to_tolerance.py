@@ -143,10 +143,10 @@ def respond_within(
     Each response is compared with one or two less accurate simulations of the same motion,
     its companions, at the same tolerance or a looser one. The last two terms of their Taylor
     polynomials are omitted or changed. The input of both companions, and the restitution of
-    the second one, are perturbed by 256 units in the last place (8 in float32). The estimate
-    therefore includes the truncation error of every step, errors of impact times, and
-    rounding errors, all amplified by impacts. This holds also where steps end at every sample
-    of a record.
+    the second one, are perturbed by 256 units in the last place (8 in float32); C = 0 becomes
+    256 eps. The estimate therefore includes the truncation error of every step, errors of
+    impact times, and rounding errors, all amplified by impacts. This holds also where steps
+    end at every sample of a record.
 
     The truncation error of each step of a companion is assumed to exceed the truncation error
     of the response: by a factor of about seven where both take the same steps, and of two or

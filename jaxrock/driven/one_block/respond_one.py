@@ -105,6 +105,9 @@ def respond(  # noqa: PLR0913
        orders, the same order for all results.
     5. If a peak rotation or an extreme force is reached twice, it is the derivative at the
        first time. Each extreme is differentiated at the moment at which it is reached.
+    6. If C is 0, the first derivative is for a larger C. If a block begins at rest and is
+       lifted at once, it is the derivative for a rotation or velocity to the side that is
+       lifted.
 
     Two checks of JAX would raise errors although nothing is wrong: `jax.debug_nans`, since
     values that do not exist are NaN, and `jax.checking_leaks`, since diffrax keeps traced

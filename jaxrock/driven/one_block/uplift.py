@@ -181,9 +181,7 @@ def _excess_to_both_sides(equation: Equation, motion: Motion, time: Reals) -> Re
 
 def _leave_out_wall(equation: Equation, excess: Reals) -> Reals:
     """Replace the push to the side of a wall, the second one, by one that never lifts."""
-    if not equation.one_sided:
-        return excess
-    return excess.at[1].set(-jnp.inf)
+    return excess.at[1].set(-jnp.inf) if equation.one_sided else excess
 
 
 def _carry_by_wall(equation: Equation, push: Reals) -> Reals:
