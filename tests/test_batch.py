@@ -21,6 +21,24 @@ from jaxrock.ground_motion import Pulse
 from jaxrock.host import map_in_threads
 
 
+@pytest.mark.float64
+@pytest.mark.parametrize(("push", "lift"), [(0.36, -0.36), (0.2, -0.8)])
+def test_the_ground_lifts_a_block_by_falling_away(push, lift):
+    """After a pause that is passed over, with less than the horizontal push it needs alone."""
+    horizontal = np.zeros(64)
+    vertical = np.zeros(64)
+    horizontal[24:32] = push * 9.81
+    vertical[24:32] = lift * 9.81
+    horizontal[48] = 0.49 * 9.81  # the strongest push, which lifts nothing
+    vertical[48] = 0.3 * 9.81
+    record = jr.Record(horizontal, 0.02, vertical)
+    block = jr.Block(0.3, 2.0)
+    found = jr.respond_batch(block, 0.8, record)
+    single = jr.respond(block, 0.8, record)
+    assert found.peak_rotation == pytest.approx(float(single.peak_rotation), rel=1e-6)
+    assert found.peak_rotation > 0
+
+
 class Hump(Pulse):
     """A shape that users write, by what the docstring of `Pulse` asks for: a half-sine."""
 

@@ -33,7 +33,7 @@ def refuse_reverse_mode(name: str, tree: _T) -> _T:
     Parameters
     ----------
     name : str
-        The function whose answer it is, for the message.
+        The function whose answer it is, or what it is, for the message.
     tree : pytree
         Leaves that are no floating-point numbers have no derivatives, and stay as they are.
     """

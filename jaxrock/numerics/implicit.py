@@ -10,6 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, PyTree
 
 from ..validation import Booleans, Reals
+from .forward_only import refuse_reverse_mode
 
 _R = TypeVar("_R")
 
@@ -18,8 +19,8 @@ def differentiate_by_jacobian(function: Callable[..., _R]) -> Callable[..., _R]:
     """Give a function derivatives in both modes with respect to its positional arguments.
 
     The Jacobian is computed forward, once, at the cost of one forward derivative per perturbed
-    number, and then applied: a linear map, which both modes can use. Options, by keyword, have
-    no derivatives.
+    number, and then applied: a linear map, which both modes can use. A derivative of that
+    exists in forward mode only. Options, by keyword, have no derivatives.
     """
     wrapped = eqx.filter_custom_jvp(function)
 
@@ -47,10 +48,10 @@ def differentiate_by_jacobian(function: Callable[..., _R]) -> Callable[..., _R]:
             values, slopes, static = differentiate_along(jnp.ones_like(numbers))
             jacobian = jax.tree.map(lambda slope: slope[None], slopes)
         else:
-            eye = jnp.eye(numbers.size, dtype=numbers.dtype)
-            values, jacobian, static = jax.vmap(differentiate_along, out_axes=(None, 0, None))(
-                eye
-            )
+            along_each = jax.vmap(differentiate_along, out_axes=(None, 0, None))
+            values, jacobian, static = along_each(jnp.eye(numbers.size, dtype=numbers.dtype))
+        # A second derivative goes through the loops themselves.
+        values, jacobian = refuse_reverse_mode("this derivative", (values, jacobian))
         # The directions enter here only, linearly: that is what reverse mode transposes.
         applied = jax.tree.map(
             lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian
