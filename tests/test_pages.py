@@ -367,7 +367,9 @@ def test_the_study_by_workers_runs_and_is_continued(tmp_path):
 
 
 def test_the_readme_is_short_and_leads_to_files_that_are_there():
-    assert len(TEXTS["README"].splitlines()) <= 150
+    """Rows of commands do not count: a new command has its row."""
+    lines = TEXTS["README"].splitlines()
+    assert sum(not line.startswith("| `jaxrock ") for line in lines) <= 137
     for link in re.findall(r"\]\((?!http)([^)#]+)", TEXTS["README"]):
         assert (ROOT / link).exists(), link
 
