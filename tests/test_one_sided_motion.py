@@ -47,8 +47,8 @@ def test_pulses_against_independent_integration(shape):
     overturned = column["overturned"] == 1
     peak = column["peak_rotation"]
     assert response.complete.all()
-    assert 10 < overturned.sum() < 100
-    assert (peak == 0).any() or shape in ("Sine", "Cosine")
+    assert 0 < overturned.sum() < 100
+    assert (peak == 0).any() or shape not in ("Rectangular", "HalfSine", "Ricker")
     np.testing.assert_array_equal(response.overturned, overturned)
     stands = ~overturned
     np.testing.assert_allclose(response.peak_rotation[stands], peak[stands], rtol=1e-8)
