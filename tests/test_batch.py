@@ -98,7 +98,7 @@ def pulse_cases(shape):
         rows = [row for row in csv.DictReader(file) if row.pop("shape") == shape]
     column = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     block = jr.Block(column["half_width"], column["slenderness"])
-    pulse = getattr(jr, shape)(column["amplitude"], column["duration"])
+    pulse = getattr(jr.ground_motion, shape)(column["amplitude"], column["duration"])
     outcome = column["peak_rotation"], column["overturned"] == 1
     return block, column["restitution"], pulse, *outcome
 
@@ -156,7 +156,13 @@ def barely_lifted(shape):
     columns = (np.array([float(row[name]) for row in rows]) for name in names.split(" "))
     b, slenderness, c, amplitude, duration, peak = columns
     excess = amplitude * slenderness / 9.81 - 1
-    return jr.Block(b, slenderness), c, getattr(jr, shape)(amplitude, duration), peak, excess
+    return (
+        jr.Block(b, slenderness),
+        c,
+        getattr(jr.ground_motion, shape)(amplitude, duration),
+        peak,
+        excess,
+    )
 
 
 @pytest.mark.float64
@@ -260,7 +266,7 @@ def test_error_is_what_is_asked_for(shape):
     stands = ~truth.overturned
     assert stands.sum() > 5
     block = jr.Block(half_width, slenderness)
-    pulse = getattr(jr, shape)(amplitude, duration)
+    pulse = getattr(jr.ground_motion, shape)(amplitude, duration)
     for rtol in (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-12):
         found = jr.respond_batch(block, restitution, pulse, pulse.end + 3.0, rtol=rtol)
         np.testing.assert_array_equal(found.overturned, truth.overturned)

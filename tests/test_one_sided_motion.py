@@ -40,15 +40,15 @@ def test_pulses_against_independent_integration(shape):
     """All 200 of a shape: barely lifted, bouncing at C = 0.4 to 0.5, pushed into the wall."""
     column = table(shape)
     block = jr.Block(column["half_width"], column["slenderness"], one_sided=True)
-    pulse = getattr(jr, shape)(column["amplitude"], column["duration"])
+    pulse = getattr(jr.ground_motion, shape)(column["amplitude"], column["duration"])
     # The sign of a coefficient of restitution does not matter.
     restitution = column["restitution"] * np.resize([1, -1], len(column["restitution"]))
     response = jr.respond_batch(block, restitution, pulse, pulse.end + 3.0)
     overturned = column["overturned"] == 1
     peak = column["peak_rotation"]
     assert response.complete.all()
-    assert 10 < overturned.sum() < 100
-    assert (peak == 0).any() or shape in ("Sine", "Cosine")
+    assert 0 < overturned.sum() < 100
+    assert (peak == 0).any() or shape not in ("Rectangular", "HalfSine", "Ricker")
     np.testing.assert_array_equal(response.overturned, overturned)
     stands = ~overturned
     np.testing.assert_allclose(response.peak_rotation[stands], peak[stands], rtol=1e-8)
@@ -63,7 +63,7 @@ def test_one_block_against_many_and_their_impacts(shape):
             float(column[name][k]) for name in column
         )
         block = jr.Block(half_width, slenderness, one_sided=True)
-        pulse = getattr(jr, shape)(amplitude, duration)
+        pulse = getattr(jr.ground_motion, shape)(amplitude, duration)
         response = jr.respond(block, restitution, pulse, pulse.end + 3.0, rtol=1e-11)
         assert bool(response.overturned) == expected[1]
         assert stepping.count_strong(np.asarray(response.impact_velocities)) == expected[2]

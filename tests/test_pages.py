@@ -298,7 +298,9 @@ def test_every_command_has_its_section():
 def test_the_new_command_of_the_architecture_works(tmp_path, monkeypatch, capsys):
     namespace = {"__name__": "jaxrock.cli.uplift", "__package__": "jaxrock.cli"}
     exec(code("architecture"), namespace)
-    commands = (*application.COMMANDS, namespace["uplift"])
+    # Whoever has followed the guide to the letter has it already.
+    others = [command for command in application.COMMANDS if command.__name__ != "uplift"]
+    commands = (*others, namespace["uplift"])
     monkeypatch.setattr(application, "COMMANDS", commands)
     monkeypatch.chdir(tmp_path)
     line = re.search(r"Example: jaxrock (.*)", namespace["uplift"].__doc__)[1]
@@ -367,7 +369,9 @@ def test_the_study_by_workers_runs_and_is_continued(tmp_path):
 
 
 def test_the_readme_is_short_and_leads_to_files_that_are_there():
-    assert len(TEXTS["README"].splitlines()) <= 150
+    """Rows of commands do not count: a new command has its row."""
+    lines = TEXTS["README"].splitlines()
+    assert sum(not line.startswith("| `jaxrock ") for line in lines) <= 136
     for link in re.findall(r"\]\((?!http)([^)#]+)", TEXTS["README"]):
         assert (ROOT / link).exists(), link
 

@@ -4,12 +4,14 @@ Many blocks side by side in NumPy, each at its own pace, by the stages of SciPy'
 step ends where the input has a corner and never goes beyond the next peak, dip or impact:
 those are found by taking the step again with another length, so that neither an interpolant
 nor the ends of steps decide what the largest rotation is.
-``python tests/references/stepping.py`` searches the shipped record for cases that do not
-depend on the tolerance.
+``python tests/references/stepping.py`` writes the tables, for which it searches the shipped
+record for cases that do not depend on the tolerance. With names of new shapes, such as
+``python tests/references/stepping.py Triangular``, it appends the rows of these alone.
 """
 
 import csv
 import itertools
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -452,10 +454,11 @@ def follow(rocker, ground, settle=None, rtol=1e-12, start=(0.0, 0.0), landings=N
     )
 
 
-def _write(path, names, rows):
-    with open(path, "w", newline="", encoding="utf-8") as out:
+def _write(path, names, rows, mode="w"):
+    with open(path, mode, newline="", encoding="utf-8") as out:
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(names.split())
+        if mode == "w":
+            writer.writerow(names.split())
         writer.writerows(rows)
 
 
@@ -522,10 +525,10 @@ def _pulses(rng, count=1000):
     _write(PULSES, names, rows)
 
 
-def _barely_lifted(rng, count=40):
+def _barely_lifted(rng, count=40, shapes=tuple(SHAPES), mode="w"):
     """Blocks under pulses from a ten-thousandth above uplift on, which hardly move."""
     rows = []
-    for shape in SHAPES:
+    for shape in shapes:
         b = 10 ** rng.uniform(-1.3, 0.5, count)
         duration = 10 ** rng.uniform(-2.3, 0, count)
         slenderness = rng.uniform(1, 10, count)
@@ -538,7 +541,7 @@ def _barely_lifted(rng, count=40):
             for case, peak in zip(numbers.T.tolist(), r.peak.tolist(), strict=True)
         ]
     names = "shape half_width slenderness restitution amplitude duration peak_rotation"
-    _write(BARELY_LIFTED, names, rows)
+    _write(BARELY_LIFTED, names, rows, mode)
 
 
 def count_strong(velocities):
@@ -547,10 +550,10 @@ def count_strong(velocities):
     return int((speeds > STRONG * speeds.max(initial=0.0)).sum())
 
 
-def _against_wall(rng, count=200):
+def _against_wall(rng, count=200, shapes=tuple(SHAPES), mode="w"):
     """Blocks that rock to one side, barely lifted, bouncing, or overturned."""
     rows = []
-    for shape in SHAPES:
+    for shape in shapes:
         b = 10 ** rng.uniform(-1.3, 0.5, count)
         slenderness = rng.uniform(1.5, 12, count)
         c = np.where(
@@ -583,11 +586,15 @@ def _against_wall(rng, count=200):
         "shape half_width slenderness restitution amplitude duration peak_rotation overturned"
         " impacts"
     )
-    _write(AGAINST_WALL, names, rows)
+    _write(AGAINST_WALL, names, rows, mode)
 
 
-def main():
-    """Write the tables of cases."""
+def main(new_shapes):
+    """Write the tables of cases, or append the rows of new shapes."""
+    if new_shapes:
+        _against_wall(np.random.default_rng(4), shapes=new_shapes, mode="a")
+        _barely_lifted(np.random.default_rng(3), shapes=new_shapes, mode="a")
+        return
     _against_wall(np.random.default_rng(4))
     _barely_lifted(np.random.default_rng(3))
     _ridgecrest(np.random.default_rng(1))
@@ -595,4 +602,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
