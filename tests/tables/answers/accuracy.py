@@ -15,7 +15,7 @@ def list_answers(errors, prefix, *tolerance):
         yield f"{prefix}{name}", getattr(errors, name), *tolerance
 
 
-@group("accuracy/model_error", 1e-9, by_default=True)
+@group("accuracy/model_error", 1e-9)
 def predict_errors():
     """Differences of two models lose digits where these are close."""
     error = jr.model_error(usual_scenes())
