@@ -51,6 +51,8 @@ def test_every_answer_is_of_a_group():
         ([True, False], [True, True], "True is now False at [1], 1 of 2 differ"),
         (["stands"], ["falls"], "'falls' is now 'stands' at [0], 1 of 1 differ"),
         ([1, 2], [1, 3], "3 is now 2 at [1], 1 of 2 differ"),
+        ({"a": 1.0, "b": 2.0}, {"a": 1.0, "b": 3.0}, "b: 3.0 is now 2.0, 1 of 1 differ"),
+        ({"a": 1.0}, {"b": 1.0}, "parts ['b'] are now ['a']"),
     ],
 )
 def test_what_counts_as_a_change(new, old, change):

@@ -12,33 +12,38 @@ from jaxrock.reports import paper
 
 from .table import group, run_command
 
+LEFT_OUT = ("files", "reason", "record_source", "sizes")
 SIZE = ("--width", 0.8, "--slenderness", 5, "--restitution", 0.7)
 SLIM = ("--width", 0.2, "--slenderness", 5, "--restitution", 0.9)
 SINE = ("--pulse", "sine", "--pulse-duration", 0.5)
 
 
 def list_json(tree: Any, prefix: str) -> Iterator[tuple]:
-    """List an answer in JSON: rows by their columns, a mapping of numbers as one answer."""
+    """List an answer in JSON: single numbers and words together, rows by their columns.
+
+    Paths, sentences and names of dimensions are left out, and columns without any number.
+    """
     if isinstance(tree, dict):
-        values = [tree[name] for name in sorted(tree)]
-        if all(value is None or isinstance(value, int | float) for value in values):
-            yield prefix, fill_gaps(values)
-            return
-        for name, value in tree.items():
-            if name != "files":
-                yield from list_json(value, f"{prefix}/{name}")
-    elif isinstance(tree, list) and tree and isinstance(tree[0], dict):
+        told = {name: value for name, value in tree.items() if name not in LEFT_OUT}
+        single = {name: value for name, value in told.items() if is_single(value)}
+        if single:
+            yield prefix, {name: fill_gap(value) for name, value in single.items()}
+        for name in told.keys() - single.keys():
+            yield from list_json(tree[name], f"{prefix}/{name}")
+    elif tree and isinstance(tree[0], dict):
         for name in tree[0]:
             yield from list_json([row[name] for row in tree], f"{prefix}/{name}")
-    else:
-        yield prefix, fill_gaps(tree if isinstance(tree, list) else [tree])
+    elif any(value is not None for value in tree):
+        yield prefix, [fill_gap(value) for value in tree]
 
 
-def fill_gaps(values: list) -> list:
+def is_single(value: Any) -> bool:
+    return value is None or isinstance(value, str | int | float)
+
+
+def fill_gap(value: Any) -> Any:
     """Null is a number that does not exist."""
-    if any(isinstance(value, str) for value in values):
-        return values
-    return [np.nan if value is None else value for value in values]
+    return np.nan if value is None else value
 
 
 def run_all(commands: dict[str, tuple]) -> Iterator[tuple]:
@@ -49,12 +54,15 @@ def run_all(commands: dict[str, tuple]) -> Iterator[tuple]:
             yield from list_json(run_command(*words, *out), name)
 
 
-@group("commands/closed", 1e-10, by_default=True)
+@group("commands/critical_pulse", 1e-9, by_default=True)
+def answer_one():
+    yield from run_all({"sine": ("critical", *SLIM, *SINE)})
+
+
+@group("commands/closed", 1e-10)
 def answer_closed():
-    pulses = ("--intensity", 0.15)
     yield from run_all(
         {
-            "assess": ("assess", *SIZE, *pulses, "--tolerance", 1e-3),
             "assess_one_sided": ("assess", "--width", 0.8, "--height", 4, "--one-sided"),
             "critical": ("critical", *SIZE, "--half-cycles", 1, 5, "inf"),
         }
@@ -80,7 +88,6 @@ def answer_driven():
     yield from run_all(
         {
             "respond": ("respond", *SLIM, *pulse),
-            "critical_pulse": ("critical", *SLIM, *SINE),
             "harmonic": ("harmonic", *SLIM, *few),
             "outcomes": ("sensitivity", *SLIM, *pulse, *samples),
         }
@@ -91,7 +98,8 @@ def answer_driven():
 def answer_for_records():
     """Of sturdy blocks, whose boundaries under the record are not chaotic."""
     block = ("--width", 0.8, "--height", 2.4, "--restitution", 0.5)
-    levels = ("--levels", 0.2, 0.5, 0.8)
+    slim = ("--width", 0.4, "--height", 1.6, "--restitution", 0.5)
+    levels = ("--levels", 0.3, 0.6, 1.2)
     yield from run_all(
         {
             "respond": ("respond", *block, "--record", "example"),
@@ -99,7 +107,7 @@ def answer_for_records():
                 *("rocking-spectrum", "--record", "example", "--restitution", 0.5),
                 *("--period", 2, 4, "--slenderness", 3),
             ),
-            "fragility": ("fragility", *block, "--records", "example", *levels),
+            "fragility": ("fragility", *slim, "--records", "example", *levels),
         }
     )
 

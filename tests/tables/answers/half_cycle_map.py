@@ -1,5 +1,7 @@
 """Blocks, impact laws, the half-cycle map, its limits and their inverses: closed forms."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -152,12 +154,6 @@ def answer_of_oscillators():
     yield "half_cycle_velocity", oscillator.half_cycle_velocity(0.2, 4.0)
 
 
-def differentiate(answer, scene):
-    """Derivatives of each scene's answer, a row for each of its six numbers."""
-    derivatives = jax.jit(jax.vmap(jax.grad(answer)))(scene)
-    return jnp.stack(jax.tree.leaves(derivatives))
-
-
 @group("resonance/derivatives_linearized", 1e-11, by_default=True)
 def differentiate_linearized():
     yield from differentiate_all(MODELS[0])
@@ -169,15 +165,22 @@ def differentiate_nonlinear():
 
 
 def differentiate_all(model):
-    scene = usual_scenes()
-    for function in (jr.rotation_ratio, jr.stabilized_period, jr.overturning_margin):
-        derivatives = differentiate(lambda at, f=function: f(at, model), scene)
-        yield function.__name__, derivatives
+    """List derivatives of each scene's answers, a row for each of its six numbers."""
 
     def intensity(at):
         return jr.critical_intensity(at.block, at.restitution, model=model)
 
-    yield "critical_intensity", differentiate(intensity, scene)
+    answers = {"critical_intensity": intensity}
+    for function in (jr.rotation_ratio, jr.stabilized_period, jr.overturning_margin):
+        answers[function.__name__] = functools.partial(function, model=model)
+
+    @jax.jit
+    @jax.vmap
+    def differentiate(scene):
+        return {name: jax.grad(answer)(scene) for name, answer in answers.items()}
+
+    for name, derivatives in differentiate(usual_scenes()).items():
+        yield name, jnp.stack(jax.tree.leaves(derivatives))
 
 
 @group("resonance/second_derivatives", 1e-10)

@@ -17,7 +17,7 @@ FILE = Path(__file__).parent.parent / "answers.jsonl"
 
 
 class Answer(NamedTuple):
-    """Numbers, booleans or strings, in lists that nest like the axes of an array."""
+    """Numbers, booleans or strings, in lists that nest like an array, or several by names."""
 
     value: Any
     tolerance: float
@@ -66,6 +66,8 @@ def find_group(name: str) -> str:
 
 def as_lists(value: Any, tolerance: float) -> Any:
     """Write a value as the table has it: numbers with three digits beyond the tolerance."""
+    if isinstance(value, dict):
+        return {name: as_lists(value[name], tolerance) for name in sorted(value)}
     array = np.asarray(value)
     if np.iscomplexobj(array):
         array = np.stack([array.real, array.imag])
@@ -85,6 +87,8 @@ def describe_change(new: Answer, old: Answer) -> str:
     """
     if new.tolerance != old.tolerance:
         return f"tolerance {old.tolerance:g} is now {new.tolerance:g}"
+    if isinstance(new.value, dict) and isinstance(old.value, dict):
+        return describe_changes_of_parts(new, old)
     after = np.asarray(new.value)
     before = np.asarray(old.value)
     if after.shape != before.shape:
@@ -93,10 +97,9 @@ def describe_change(new: Answer, old: Answer) -> str:
         differs = after != before
         difference = differs.astype(float)
     else:
-        finite = np.abs(before[np.isfinite(before)])
-        largest = finite.max(initial=0.0)
+        size = np.where(np.isfinite(before), np.abs(before), 0.0)
+        bound = old.tolerance * np.maximum(size, 1e-3 * size.max(initial=0.0))
         with np.errstate(invalid="ignore"):
-            bound = old.tolerance * np.maximum(np.abs(before), 1e-3 * largest)
             difference = np.abs(after - before)
             same = (after == before) | (np.isnan(after) & np.isnan(before))
             differs = ~same & ~(difference <= bound)
@@ -110,6 +113,17 @@ def describe_change(new: Answer, old: Answer) -> str:
     return (
         f"{old_number!r} is now {new_number!r}{at}, {differs.sum()} of {differs.size} differ"
     )
+
+
+def describe_changes_of_parts(new: Answer, old: Answer) -> str:
+    """Describe how numbers that have names differ."""
+    if new.value.keys() != old.value.keys():
+        return f"parts {list(old.value)} are now {list(new.value)}"
+    changes = {
+        name: describe_change(new._replace(value=part), old._replace(value=old.value[name]))
+        for name, part in new.value.items()
+    }
+    return ", ".join(f"{name}: {change}" for name, change in changes.items() if change)
 
 
 def read_table() -> dict[str, Answer]:

@@ -26,7 +26,7 @@ def respond_to_trains(model, **side):
     yield from jax.vmap(respond)(*numbers, spread(0.2, 1.6, 7)).items()
 
 
-@group("trains/linearized", 1e-11, by_default=True)
+@group("trains/linearized", 1e-11)
 def answer_linearized():
     yield from respond_to_trains(MODELS[0])
 
