@@ -148,6 +148,29 @@ def test_ends_starts_and_samples(kind):
         assert close(*pair).all(), (name, pair)
 
 
+def test_times_within_rounding_of_a_sample():
+    """A step that the block's own time ends there, and a duration a little later."""
+
+    @functools.partial(jax.jit, static_argnums=3)
+    def differentiate(block, step, duration, rtol):
+        def end(step):
+            record = jr.Record([0.0, 0.3, *SAMPLES, *[0.0] * 40], step)
+            driven = jr.respond(
+                block, 0.8, record, duration, rotation=0.1, rtol=rtol, max_impacts=0
+            )
+            return driven.final_velocity
+
+        return jax.jvp(end, (step,), (jnp.ones_like(step),))[1]
+
+    block = jr.Block.from_parameters(2.5, 0.2)
+    first = 0.05 / block.frequency_parameter
+    apart = 2.0**-52 * np.array([-2, 0, 1, 2, 4, 64])
+    steps = [differentiate(block, first * (1 + k), 0.31, 1e-8) for k in apart]
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-7)
+    durations = [differentiate(block, first, 5 * first * (1 + k), 1e-8) for k in apart]
+    np.testing.assert_allclose(durations, durations[0], rtol=1e-7)
+
+
 def turning():
     """A block that turns where its input ends."""
     x = scene(0.1 + LAST * 0.15)

@@ -56,6 +56,10 @@ class OtherMotion(Motion):
     end = intensity = value = knots = next_kink = scaled = None
 
 
+class OtherModel(jr.Nonlinear):
+    """A model of free rocking that users write."""
+
+
 # What all tables use.
 NAMES = {
     "jr": jr,
@@ -73,6 +77,7 @@ NAMES = {
     "suite": suite,
     "hazard": hazard,
     "pulses": pulses,
+    "OtherModel": OtherModel,
     "OtherMotion": OtherMotion,
     "Quantity": Quantity,
     "as_real": as_real,

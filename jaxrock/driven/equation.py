@@ -15,8 +15,19 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from ..block import Block
-from ..resonance import Linearized, RockingModel
-from ..validation import Reals
+from ..resonance import Linearized, Nonlinear, RockingModel
+from ..validation import Reals, describe
+
+
+def is_linearized(model: RockingModel) -> bool:
+    """Return whether sin(x) = x and cos(x) = 1; a `ValueError` for a model of one's own."""
+    # A subclass as well: it would change free rocking and leave the equation as it is.
+    if type(model) not in (Linearized, Nonlinear):
+        raise ValueError(
+            "model must be Linearized or Nonlinear for driven motion, which has no other"
+            f" equation, got {describe(model)}"
+        )
+    return isinstance(model, Linearized)
 
 
 def uplift_acceleration(block: Block, model: RockingModel) -> Reals:
@@ -24,8 +35,8 @@ def uplift_acceleration(block: Block, model: RockingModel) -> Reals:
 
     It is g tan(alpha_c), and linearized g alpha_c.
     """
-    linearized = isinstance(model, Linearized)
-    return block.gravity * (block.critical_angle if linearized else 1 / block.slenderness)
+    tangent = block.critical_angle if is_linearized(model) else 1 / block.slenderness
+    return block.gravity * tangent
 
 
 class Equation(eqx.Module):
@@ -43,7 +54,7 @@ class Equation(eqx.Module):
     @property
     def linearized(self) -> bool:
         """True where sin(x) = x and cos(x) = 1."""
-        return isinstance(self.model, Linearized)
+        return is_linearized(self.model)
 
     @classmethod
     def of(cls, block: Block, model: RockingModel) -> "Equation":
@@ -56,7 +67,7 @@ class Equation(eqx.Module):
             critical_velocity=model.critical_velocity(block),
             gravity=jnp.broadcast_to(block.gravity, angle.shape),
             inertia_ratio=jnp.broadcast_to(block.inertia_ratio, angle.shape),
-            tangent=angle if isinstance(model, Linearized) else 1 / block.slenderness,
+            tangent=angle if is_linearized(model) else 1 / block.slenderness,
             model=model,
             one_sided=block.one_sided,
         )

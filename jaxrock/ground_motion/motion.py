@@ -211,6 +211,16 @@ class Motion(Printed, Checked):
         """
         return (time >= self.start) & (time < self.end)
 
+    def time_rounding(self, time: Reals) -> Reals:
+        """Bound the rounding error of a time [s]: closer than that it coincides with a corner.
+
+        This is the only rule for coincidences: a step that ends at a kink for one rule and not
+        for another would go on with the slope of the wrong interval.
+        """
+        # Corners and times come from the start and the length of the motion in at most six
+        # operations, each of which rounds by eps / 2.
+        return 2 * float(jnp.finfo(time.dtype).eps) * (time + self.end)
+
     def bucketed(self) -> "Motion":
         """Pad the motion to one of few shapes, so that motions of many lengths share a program.
 

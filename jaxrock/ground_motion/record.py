@@ -175,7 +175,7 @@ class Record(Motion):
         position = (time - self.start) / self.time_step
         # The time of a sample may round to either side of it. A little is taken off, so that
         # it counts as before: else a step that ends there would end on the next line.
-        index = jnp.ceil(position - self._position_tolerance(position)) - 1
+        index = jnp.ceil(position - self.time_rounding(time) / self.time_step) - 1
         # Before the start and behind the end, the outer lines go on.
         index = jnp.clip(index, 0, self._last_index - 1)
         along = position - index
@@ -193,10 +193,10 @@ class Record(Motion):
 
     def next_kink(self, time: Reals) -> Reals:
         """Return the next sample's time [s], inf beyond the last; see `Motion.next_kink`."""
-        position = (time - self.start) / self.time_step
         # A time within rounding of a sample is that sample's: without the tolerance, a step
         # might be asked to end where it begins.
-        index = jnp.maximum(jnp.floor(position + self._position_tolerance(position)) + 1, 0)
+        position = (time + self.time_rounding(time) - self.start) / self.time_step
+        index = jnp.maximum(jnp.floor(position) + 1, 0)
         kink = self.start + index * self.time_step
         return jnp.where(index <= self._last_index, kink, jnp.inf)
 
@@ -204,13 +204,6 @@ class Record(Motion):
     def _last_index(self) -> int | Reals:
         """Index of the last sample that is no padding, for the other packages."""
         return self.samples - 1
-
-    def _position_tolerance(self, position: Reals) -> float | Reals:
-        """Bound the rounding of a position, in samples."""
-        # The time of a sample comes from a product and a sum, its position from a difference
-        # and a quotient, each of which rounds by eps / 2: twice as much as they add up to at
-        # the end, unless the record starts much later than it lasts.
-        return 4 * (self._last_index + 1) * float(jnp.finfo(position.dtype).eps)
 
     def bucketed(self) -> "Record":
         """Return the record padded, unless it is traced; see `Motion.bucketed`."""

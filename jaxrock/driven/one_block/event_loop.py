@@ -30,7 +30,7 @@ from .motion_to_event import (
 )
 from .packed_loop import repeat_packed
 from .response import Events, Response
-from .solver_steps import Stepper, estimate_time_rounding
+from .solver_steps import Stepper
 from .uplift import UpliftTable
 
 # After so many events the response counts as stopped.
@@ -206,7 +206,7 @@ def _step_to_event(integration: Integration, before: State) -> State:
     # duration. An edge that coincides with the end of the duration, up to rounding, is left
     # out.
     stop = driven.duration
-    latest = driven.duration - estimate_time_rounding(motion, driven.duration)
+    latest = driven.duration - motion.time_rounding(driven.duration)
     for edge in (motion.end, motion.start):
         stop = jnp.where((edge > before.time) & (edge < latest), edge, stop)
     never = jnp.array(False)
@@ -306,8 +306,9 @@ def _add_saltation(integration: Integration, state: State, acted: Booleans) -> S
     motion = integration.driven.motion
     duration = integration.driven.duration
     time = state.time
-    near = estimate_time_rounding(motion, time)
-    kink = motion.next_kink(time - near)
+    near = motion.time_rounding(time)
+    # `next_kink` leaves out what is within rounding of its argument.
+    kink = motion.next_kink(time - 2 * near)
     corner = jnp.where(kink <= time + near, kink, time)
     corner = jnp.where(~acted & (time == motion.start), motion.start, corner)
     corner = jnp.where(acted & (time == motion.end), motion.end, corner)

@@ -28,7 +28,7 @@ from .segment_integration import (
     SegmentState,
     integrate_segment,
 )
-from .solver_steps import Segment, Stepper, estimate_time_rounding
+from .solver_steps import Segment, Stepper
 from .uplift import UpliftTable
 
 # Phases of the motion. The table in `follow_driven` says what each of them does next.
@@ -37,6 +37,8 @@ REST, RISING, FALLING, TOPPLED = range(4)
 # A block may rest only if all further bounces end within this share of `rtol` / p; see
 # `_apply_event`.
 _REST_SHARE = 1e-3
+# The clock resolves a time of so many roundings.
+_RESOLVED = 8
 
 
 class State(NamedTuple):
@@ -160,7 +162,7 @@ def move_to_event(
     slow = lifted | balanced
     earliest = jnp.where(
         slow,
-        integration.uplifts.grace_time + estimate_time_rounding(motion, state.time),
+        integration.uplifts.grace_time + _RESOLVED * motion.time_rounding(state.time),
         0,
     )
     end = integrate_segment(
@@ -250,7 +252,8 @@ def _apply_event(
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)
     short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _REST_SHARE * integration.rtol * lost
     slow = leaving**2 <= 2 * integration.rtol**2 * deceleration * before.peak
-    unresolved = 2 * leaving <= estimate_time_rounding(integration.driven.motion, time) * lost
+    resolution = _RESOLVED * integration.driven.motion.time_rounding(time)
+    unresolved = 2 * leaving <= resolution * lost
     rests = lands & pressed & short & (slow | unresolved)
     # Where the input is beyond uplift on the side that the block came from, it lifts the block
     # when the next bounce ends: no value shows that, but the derivative with respect to C.

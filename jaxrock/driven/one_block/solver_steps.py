@@ -105,14 +105,6 @@ class Stepper:
         )
 
 
-def estimate_time_rounding(motion: Motion, time: Reals) -> Reals:
-    """Estimate the rounding error of a time; closer than that it coincides with a corner.
-
-    Both have been computed from the start and the length of the motion, in a few operations.
-    """
-    return 16 * float(jnp.finfo(time.dtype).eps) * (time + motion.end)
-
-
 @jax.jit
 def limit_step(
     segment: Segment, length: Reals, begin: Reals, end: Reals, y: Reals, acceleration: Reals
@@ -127,14 +119,14 @@ def limit_step(
     braking = 2 * jnp.abs(y[1] / jnp.where(slowing, acceleration, 1))
     end = jnp.where(slowing, jnp.minimum(end, begin + braking), end)
 
-    # A kink that coincides with the end of the segment, up to rounding, counts as its end:
-    # otherwise a step of the length of a rounding error would follow.
+    # What lies within rounding of a kink is at the kink: a step that ends there, or a segment.
+    # Otherwise a step of the length of a rounding error would follow, or a step that begins at
+    # the kink with the slope of the interval before it, since a step that ends at a kink moves
+    # with it and another one does not.
+    rounding = segment.motion.time_rounding(segment.origin + length)
     kink = segment.motion.next_kink(segment.origin + begin) - segment.origin
-    last = length - estimate_time_rounding(segment.motion, segment.origin + length)
-    stop = jnp.where((kink > begin) & (kink < last), kink, length)
-    # A step that ends at a kink moves with it: else its derivative would count the slopes of
-    # the input on both sides of the kink.
-    return jnp.where(stop <= end, stop, end)
+    stop = jnp.where((kink > begin) & (kink < length - rounding), kink, length)
+    return jnp.where(stop <= end + rounding, stop, end)
 
 
 def choose_first_step(segment: Segment, length: Reals, y: Reals, lifted: Booleans) -> Reals:
