@@ -306,6 +306,21 @@ def test_derivatives_under_a_record_are_known_in_all_modes():
     np.testing.assert_allclose(compiled[2], by_restitution, rtol=1e-6)
 
 
+def test_impacts_are_counted_where_the_block_overturns():
+    """Of three boundaries: right above, below and above each, until the block lies."""
+    block = jr.Block(0.1, 5.0)
+    found = jr.critical_amplitude(block, 0.9, jr.Sine, 0.5, resolution=0.05)
+    np.testing.assert_array_equal(found.overturns_beyond, [True, False, True])
+    np.testing.assert_array_equal(found.impacts, [1, 1, 0])
+    inward = np.where(found.overturns_beyond, 1 + 1e-5, 1 - 1e-5)
+    falls = jr.respond_batch(block, 0.9, jr.Sine(inward * np.asarray(found.value), 0.5), 6.0)
+    assert falls.overturned.all()
+    np.testing.assert_array_equal(falls.impacts, found.impacts)
+    np.testing.assert_array_equal(falls.mode, found.impacts)
+    stands = jr.respond_batch(block, 0.9, jr.Sine(np.asarray(found.value) / inward, 0.5), 6.0)
+    np.testing.assert_array_equal(stands.mode, -1)
+
+
 @pytest.mark.thorough
 def test_mode_beside_a_narrow_window():
     """Not that of what lies beyond the window, which stands."""

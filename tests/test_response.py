@@ -535,3 +535,14 @@ def test_float32():
             jr.respond(jr.Block(0.3, 5.0), 0.9, jr.Sine(3.4, 1.4), 4.0, rtol=1e-10)
     expected = jr.respond(jr.Block(0.3, 5.0), 0.9, jr.Sine(3.4, 1.4), 4.0).peak_rotation
     assert peak == pytest.approx(float(expected), rel=1e-3)
+
+
+@pytest.mark.thorough
+@pytest.mark.float64
+@pytest.mark.parametrize("first", [jax.grad, jax.jacfwd])
+def test_reverse_mode_over_a_derivative_is_refused(first):
+    def compute_peak(restitution):
+        return jr.respond(jr.Block(0.1, 5.0), restitution, jr.Sine(2.6, 0.5)).peak_rotation
+
+    with pytest.raises(ValueError, match=r"forward mode only: use jax\.jacfwd or jax\.jvp"):
+        jax.jacrev(first(compute_peak))(0.9)

@@ -202,8 +202,8 @@ def respond_to_train(
     block.check()
     if t.ndim != 1 or t.shape != pulses.shape or not t.size:
         shapes = f"got shapes {t.shape} and {pulses.shape}"
-        must = "be one-dimensional and equally long" if t.size else "not be empty"
-        raise ValueError(f"times and intensities must {must}, {shapes}")
+        rule = "be one-dimensional and equally long" if t.size else "not be empty"
+        raise ValueError(f"times and intensities must {rule}, {shapes}")
     if not is_traced(t) and (falls := np.diff(np.asarray(t)) < 0).any():
         first = int(falls.argmax())
         raise ValueError(f"times must not decrease, got {t[first + 1]:g} after {t[first]:g}")
