@@ -361,7 +361,7 @@ def test_the_study_by_workers_runs_and_is_continued(tmp_path):
     with xarray.open_zarr(tmp_path / "study.zarr") as found:
         assert dict(found.sizes) == {
             "record": 4,
-            "period": 20,
+            "free_period": 20,
             "slenderness": 2,
             "restitution": 2,
             "factor": 3,

@@ -20,7 +20,7 @@ def test_rocking_spectrum():
     ratio = float(point.rotation_ratio) * float(block.critical_angle)
     assert ratio == pytest.approx(float(point.peak_rotation), rel=1e-5)
     angles = jr.rocking_spectrum(record, 4.0, critical_angle=np.arctan(1 / 6.0))
-    assert dict(angles.sizes) == {"period": 1, "slenderness": 1}
+    assert dict(angles.sizes) == {}
 
 
 @pytest.mark.float64
@@ -49,7 +49,7 @@ def test_overturning_map():
     assert int((found.overturns_beyond == 0).sum()) > (np.isnan(edges)).sum()  # a window
     assert set(found.impacts.values[np.isfinite(edges)].tolist()) <= {0, 1, 2}
     linear = jr.overturning_map(jr.Rectangular, np.pi, model="linearized")  # p t1 = 1
-    assert float(linear.amplitude_ratio[0, 0]) == pytest.approx(1.5819767068693265, rel=1e-9)
+    assert float(linear.amplitude_ratio[0]) == pytest.approx(1.5819767068693265, rel=1e-9)
 
 
 def test_chunks_change_nothing(monkeypatch):
