@@ -21,7 +21,7 @@ def search_amplitudes():
     yield from stack_fields(found, OF_BOUNDARIES)
 
 
-@group("overturning/other_amplitudes", 1e-9)
+@group("overturning/other_amplitudes", 1e-9, by_default=True)
 def search_other_amplitudes():
     shapes = (jr.HalfSine, jr.Cosine, jr.Rectangular, jr.Ricker)
     found = [jr.critical_amplitude(SLIM, 0.9, shape, 0.6) for shape in shapes]
@@ -33,7 +33,7 @@ def search_other_amplitudes():
     yield from stack_fields(found, OF_BOUNDARIES)
 
 
-@group("overturning/along", 1e-9)
+@group("overturning/along", 1e-9, by_default=True)
 def search_along_quantities():
     ranges = {
         "factor": (0.5, 2.0),
@@ -53,7 +53,7 @@ def search_along_quantities():
     yield from stack_fields(found, OF_BOUNDARIES)
 
 
-@group("overturning/duration_and_windows", 1e-9)
+@group("overturning/duration_and_windows", 1e-9, by_default=True)
 def search_durations():
     found = jr.critical_duration(jr.Block(0.2, 5.0), 0.9, jr.Sine, 3.5, (0.1, 1.5))
     yield from list_fields(found, OF_BOUNDARIES, "critical_duration/")

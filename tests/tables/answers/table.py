@@ -29,16 +29,19 @@ class Group(NamedTuple):
     compute: Callable[[], Iterator[tuple]]
     tolerance: float
     by_default: bool
+    sampled: bool  # from Sobol points of a seed
 
 
 GROUPS: dict[str, Group] = {}
 
 
-def group(name: str, tolerance: float = 1e-12, *, by_default: bool = False) -> Callable:
+def group(
+    name: str, tolerance: float = 1e-12, *, by_default: bool = False, sampled: bool = False
+) -> Callable:
     """Register a function that yields names and values of answers, some with a tolerance."""
 
     def register(compute):
-        GROUPS[name] = Group(compute, tolerance, by_default)
+        GROUPS[name] = Group(compute, tolerance, by_default, sampled)
         return compute
 
     return register
@@ -46,7 +49,8 @@ def group(name: str, tolerance: float = 1e-12, *, by_default: bool = False) -> C
 
 def compute_group(name: str) -> dict[str, Answer]:
     """Compute the answers of a group by their names."""
-    compute, usual, _ = GROUPS[name]
+    compute = GROUPS[name].compute
+    usual = GROUPS[name].tolerance
     answers = {}
     with warnings.catch_warnings():
         # Remarks about a scene are no part of its answer.
