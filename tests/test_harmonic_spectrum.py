@@ -192,7 +192,7 @@ def test_from_rest_is_what_the_batch_says():
     response = jr.respond_batch(block, 0.85, motion)
     peak = np.asarray(response.peak_rotation)
     expected = (peak > 0).astype(int) + (peak >= 0.5 * np.pi)
-    np.testing.assert_array_equal(found.from_rest[0], expected)
+    np.testing.assert_array_equal(found.from_rest, expected)
 
 
 @pytest.mark.thorough
