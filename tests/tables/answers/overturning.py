@@ -21,7 +21,7 @@ def search_amplitudes():
     yield from stack_fields(found, OF_BOUNDARIES)
 
 
-@group("overturning/other_amplitudes", 1e-9, by_default=True)
+@group("overturning/other_amplitudes", 1e-9)
 def search_other_amplitudes():
     shapes = (jr.HalfSine, jr.Cosine, jr.Rectangular, jr.Ricker)
     found = [jr.critical_amplitude(SLIM, 0.9, shape, 0.6) for shape in shapes]
