@@ -52,12 +52,14 @@ def test_a_pulse_of_another_shape():
     block = jr.Block(0.1, 5.0)
     pulse = Hump(3.0, 0.5)
     assert str(pulse) == "pulse of 3 m/s2, duration 0.5 s, from 0 s on"
-    way_out = r"Hump has .*: Record\(pulse\.horizontal\(times\), time_step\)"
-    with pytest.raises(ValueError, match=way_out):
+    with pytest.raises(ValueError, match=r"Hump has .* pulse\.sampled\(time_step\)"):
         jr.respond_batch(block, 0.9, pulse)
     peak = float(jr.respond_batch(block, 0.9, jr.HalfSine(3.0, 0.5)).peak_rotation)
-    record = jr.Record(pulse.horizontal(0.005 * np.arange(101)), 0.005)
+    record = pulse.sampled(0.005)
+    assert record.end == pulse.end == 0.5
     assert jr.respond_batch(block, 0.9, record).peak_rotation == pytest.approx(peak, rel=1e-3)
+    with pytest.raises(ValueError, match=r"time_step must be .* greater than 0"):
+        pulse.sampled(0.0)
 
 
 @pytest.mark.thorough

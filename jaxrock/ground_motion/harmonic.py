@@ -115,10 +115,6 @@ class Harmonic(Motion):
         numbers = 0.5 * jnp.arange(2 * self.cycles + 2, dtype=self.frequency.dtype) - 0.25
         return self.start + jnp.clip(numbers, 0, self._period_count) * self.period
 
-    def next_kink(self, time: Reals) -> Reals:
-        """Return inf, since the motion has no kink inside; see `Motion.next_kink`."""
-        return jnp.full_like(time, jnp.inf)
-
     def scaled(self, factor: Number) -> "Harmonic":
         """Return the motion of another amplitude; see `Motion.scaled`."""
         factor = as_real("factor", factor, unit="")

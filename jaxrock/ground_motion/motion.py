@@ -110,7 +110,6 @@ class Motion(Printed, Checked):
             From start to end [s].
         """
 
-    @abc.abstractmethod
     def next_kink(self, time: Reals) -> Reals:
         """Return the next time inside the motion at which its acceleration has a kink.
 
@@ -122,8 +121,9 @@ class Motion(Printed, Checked):
         Returns
         -------
         kink : Array, shape (...)
-            Time [s]; inf if no kink follows.
+            Time [s]; inf if no kink follows, as in all motions but records.
         """
+        return jnp.full_like(time, jnp.inf)
 
     @abc.abstractmethod
     def scaled(self, factor: Number) -> "Motion":

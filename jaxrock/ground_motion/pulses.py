@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..host import format_number, format_outside
@@ -21,6 +22,7 @@ from ..validation import (
     quantity,
 )
 from .motion import Motion
+from .record import Record
 
 
 class Pulse(Motion):
@@ -28,7 +30,7 @@ class Pulse(Motion):
 
     Another shape is a subclass with a method `shape` and the constants `extremes`, `area` and
     `angle`. `respond` takes its pulses as they are. Batches, and what is built on them, take
-    their samples, as ``Record(pulse.horizontal(times), time_step)``.
+    their samples: ``pulse.sampled(time_step)``.
 
     Parameters
     ----------
@@ -128,15 +130,36 @@ class Pulse(Motion):
         """Return the `extremes` as times [s]; see `Motion.knots`."""
         return self.start + self.duration * jnp.asarray(self.extremes, self.duration.dtype)
 
-    def next_kink(self, time: Reals) -> Reals:
-        """Return inf, since a pulse has no kink inside; see `Motion.next_kink`."""
-        return jnp.full_like(time, jnp.inf)
-
     def scaled(self, factor: Number) -> "Pulse":
         """Return the pulse of another amplitude; see `Motion.scaled`."""
         factor = as_real("factor", factor, unit="")
         check("factor", factor, FINITE)
         return eqx.tree_at(lambda pulse: pulse.amplitude, self, self.amplitude * factor)
+
+    def sampled(self, time_step: Number) -> Record:
+        """Return the pulse as a record, which is linear between its samples.
+
+        Parameters
+        ----------
+        time_step : float
+            Time between samples [s], greater than 0. A jump of the pulse becomes a ramp of this
+            duration.
+
+        Returns
+        -------
+        Record
+            From time 0 until the end of the pulse or, if it is no multiple of `time_step`, the
+            next sample.
+
+        Raises
+        ------
+        ValueError
+            If the time step is not greater than 0.
+        """
+        step = as_real("time_step", time_step, unit="s")
+        check("time_step", step, POSITIVE)
+        times = step * np.arange(math.ceil(self.end / step) + 1, dtype=step.dtype)
+        return Record(self.horizontal(times), step)
 
 
 def check_pulse_class(shape: object) -> type[Pulse]:

@@ -59,10 +59,6 @@ class Still(Motion):
         """Return the start [s]; see `Motion.knots`."""
         return self.start[None]
 
-    def next_kink(self, time: Reals) -> Reals:
-        """Return inf, since the motion has no kink; see `Motion.next_kink`."""
-        return jnp.full_like(time, jnp.inf)
-
     def scaled(self, factor: Number) -> "Still":
         """Return the same; see `Motion.scaled`."""
         check("factor", as_real("factor", factor, unit=""), FINITE)

@@ -44,9 +44,10 @@ def draw_normal_numbers(dimensions: int, samples: int, seed: int) -> np.ndarray:
 
     if not dimensions:
         return np.empty((samples, 0))
-    # SciPy has renamed the argument in version 1.15, and will warn of the old name.
+    # SciPy has renamed the argument in version 1.15, and will warn of the old name. From an integer
+    # the older one would draw other points.
     name = "rng" if "rng" in inspect.signature(qmc.Sobol).parameters else "seed"
-    options: dict[str, Any] = {name: seed}
+    options: dict[str, Any] = {name: np.random.default_rng(seed)}
     engine = qmc.Sobol(dimensions, scramble=True, bits=_BITS, **options)
     points = engine.random_base2(samples.bit_length() - 1)
     # A point stands for its cell: at the middle of it no point is 0, whose normal number would

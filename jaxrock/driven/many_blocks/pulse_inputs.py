@@ -177,8 +177,7 @@ def make_pulse_input(
     if issubclass(kind, Ricker):
         return RickerInput(extent, number)
     raise ValueError(
-        f"{kind.__name__} has no power series, so that batches take its samples:"
-        " Record(pulse.horizontal(times), time_step)"
+        f"{kind.__name__} has no power series: batches take pulse.sampled(time_step) instead"
     )
 
 

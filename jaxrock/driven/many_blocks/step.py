@@ -244,11 +244,9 @@ def take_step(
     taken = jnp.where(lanes.moves, flight.time + bounce, jnp.where(lifted, wait, 0))
     # Sums that only compare two motions need no derivatives. Bounces after the block settles are
     # summed as a geometric series.
-    weight = case.duration + begin + lanes.elapsed + taken
-    repeated = jnp.where(settles, case.bounces, 1)
     counts = flight.lands & before_end
-    energy = jnp.where(counts, weight * repeated * arriving * arriving, 0)
-    energy = materialize(jax.lax.stop_gradient(energy))
+    weight = (case.duration + begin + lanes.elapsed + taken) * jnp.where(settles, case.bounces, 1)
+    energy = jax.lax.stop_gradient(jnp.where(counts, weight * arriving * arriving, 0))
     return materialize(
         Lanes(
             interval=jnp.where(ended, intervals, interval),
@@ -261,7 +259,7 @@ def take_step(
             peak=jnp.where(lanes.moves, pick_larger(lanes.peak, flight.highest), lanes.peak),
             impacts=impacts,
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
-            impact_sum=lanes.impact_sum + energy,
+            impact_sum=lanes.impact_sum + materialize(energy),
             end_rotation=jnp.where(before_end, rotation, lanes.end_rotation),
             end_velocity=jnp.where(before_end, velocity, lanes.end_velocity),
             end_impacts=jnp.where(before_end, impacts, lanes.end_impacts),

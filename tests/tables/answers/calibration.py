@@ -113,7 +113,7 @@ def list_population(population):
     return np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(population)])
 
 
-@group("calibration/outcomes", 1e-3, sampled=True)
+@group("calibration/outcomes", 1e-3)
 def fit_populations():
     """The search ends where the gradient is small, and the posterior is sampled around it."""
     suite, overturned, peaks, groups = make_tests()
@@ -151,7 +151,7 @@ def list_fit(fit, suite, prefix):
     yield f"{prefix}coefficients", [float(value) for value in coefficients.values()]
 
 
-@group("calibration/cross_validation", 1e-3, sampled=True)
+@group("calibration/cross_validation", 1e-3)
 def score_predictions():
     suite, overturned, peaks, groups = make_tests()
     scores = jr.calibration.cross_validate(

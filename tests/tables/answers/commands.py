@@ -80,7 +80,7 @@ def answer_with_files():
     )
 
 
-@group("commands/driven", 1e-7, sampled=True)
+@group("commands/driven", 1e-7)
 def answer_driven():
     pulse = (*SINE, "--amplitude", 2.5)
     few = ("--frequency", 1, 2, "--amplitude", 3, "--cycles", 5)

@@ -34,7 +34,7 @@ def compute_rates():
     yield from list_fields(site, "rates intensities", "site/")
 
 
-@group("risk/rate_otherwise", 1e-6, sampled=True)
+@group("risk/rate_otherwise", 1e-6)
 def compute_rates_otherwise():
     site = make_site()
     linearized = jr.overturning_rate(BLOCK, 0.8, site, model="linearized")
@@ -101,7 +101,7 @@ def compute_fragility():
     yield from list_variables(curves)
 
 
-@group("risk/fragility_otherwise", 1e-6, sampled=True)
+@group("risk/fragility_otherwise", 1e-6)
 def compute_fragility_otherwise():
     levels = np.geomspace(0.2, 3.0, 6)
     uncertain = jr.Uncertain({"restitution": 0.05, "width": 0.1}, samples=8, seed=1)
@@ -113,7 +113,7 @@ def compute_fragility_otherwise():
     yield from list_variables(curves, "pga/")
 
 
-@group("risk/inventory", 1e-6, sampled=True)
+@group("risk/inventory", 1e-6)
 def assess_objects():
     """Rates and medians; elasticities and widths are located to less."""
     uncertain = jr.Uncertain({"restitution": [0.05, 0.0, 0.1]}, samples=4, seed=1)

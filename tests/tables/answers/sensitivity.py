@@ -35,7 +35,7 @@ def vary_parameters():
     yield from list_fields(bars, OF_BARS, "sides/")
 
 
-@group("sensitivity/moments", 1e-10, sampled=True)
+@group("sensitivity/moments", 1e-10)
 def propagate_uncertainty():
     found = jr.sensitivity.propagate(jr.rotation_ratio, WALL, UNCERTAIN)
     names = (
@@ -48,7 +48,7 @@ def propagate_uncertainty():
     yield "monte_carlo", samples[::16]
 
 
-@group("sensitivity/reliability", 1e-8, sampled=True)
+@group("sensitivity/reliability", 1e-8)
 def estimate_failure():
     found = jr.sensitivity.failure_probability(jr.overturning_margin, VERGE, UNCERTAIN)
     yield from list_fields(
@@ -57,7 +57,7 @@ def estimate_failure():
     yield "most_likely", list(found.most_likely.values())
 
 
-@group("sensitivity/ranges", 1e-10, sampled=True)
+@group("sensitivity/ranges", 1e-10)
 def measure_over_ranges():
     ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.7), "intensity": (0.1, 0.16)}
     found = jr.sensitivity.derivative_based_measures(
@@ -67,7 +67,7 @@ def measure_over_ranges():
     yield from list_fields(found, names)
 
 
-@group("sensitivity/draws", 1e-11, by_default=True, sampled=True)
+@group("sensitivity/draws", 1e-11, by_default=True)
 def draw_blocks():
     """By their seeds."""
     block = jr.Block(0.25, 4.0)
@@ -112,7 +112,7 @@ def vary_driven_parameters():
     yield from list_fields(bars, OF_BARS, "record/")
 
 
-@group("sensitivity/local_dependence", 1e-7, sampled=True)
+@group("sensitivity/local_dependence", 1e-7)
 def depend_locally():
     names = (
         "names at value overturned factor_low factor_high factor_range meaningful derivatives"
@@ -125,7 +125,7 @@ def depend_locally():
     yield from list_fields(found, names, "pulse/")
 
 
-@group("sensitivity/outcome_probabilities", 1e-9, sampled=True)
+@group("sensitivity/outcome_probabilities", 1e-9)
 def count_outcomes():
     names = (
         "outcomes probability low high by_record names median coefficient_of_variation answers"

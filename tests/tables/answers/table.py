@@ -29,19 +29,16 @@ class Group(NamedTuple):
     compute: Callable[[], Iterator[tuple]]
     tolerance: float
     by_default: bool
-    sampled: bool  # from Sobol points of a seed
 
 
 GROUPS: dict[str, Group] = {}
 
 
-def group(
-    name: str, tolerance: float = 1e-12, *, by_default: bool = False, sampled: bool = False
-) -> Callable:
+def group(name: str, tolerance: float = 1e-12, *, by_default: bool = False) -> Callable:
     """Register a function that yields names and values of answers, some with a tolerance."""
 
     def register(compute):
-        GROUPS[name] = Group(compute, tolerance, by_default, sampled)
+        GROUPS[name] = Group(compute, tolerance, by_default)
         return compute
 
     return register
