@@ -207,7 +207,8 @@ def take_step(
     last_two = zip(path[-2:], control.last_terms, strict=True)
     path = (*path[:-2], *(part * factor for part, factor in last_two))
     flight = StepFlight.of(path, step, lanes.moves, lanes.peak, control.tolerance)
-    leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity))
+    unit = case.equation.velocity_unit
+    leaving = velocity_after_impact(case.restitution, jnp.abs(flight.velocity), unit)
     settles = _settles(case, push, lift, flight.time, step, leaving, lanes.peak)
     settles = materialize(flight.lands & settles)
 
