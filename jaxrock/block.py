@@ -349,9 +349,8 @@ def warn_of_size(name: str, value: AnyArray, stacklevel: int = 2) -> None:
         return
     largest = float(np.max(np.asarray(value), initial=0.0))
     if largest > LARGEST_SIZES[name]:
-        warnings.warn(
-            f"{name} is {largest:.4g} m: sizes are in metres", stacklevel=stacklevel + 1
-        )
+        text = f"{name} is {largest:.4g} m: sizes are in metres"
+        warnings.warn(text, stacklevel=stacklevel + 1)
 
 
 def size_of(block: Block, by: SizeDescription) -> dict[str, AnyArray | np.floating]:

@@ -91,6 +91,5 @@ def compute_shape(
 ) -> tuple[Reals, Reals]:
     """Compute slenderness and inertia ratio from the mass and inertia of a body."""
     square = jnp.square(half_width) + jnp.square(centre_height)
-    return jnp.divide(centre_height, half_width), 1 + jnp.asarray(inertia_about_centre) / (
-        mass * square
-    )
+    about_centre = jnp.asarray(inertia_about_centre) / (mass * square)
+    return jnp.divide(centre_height, half_width), 1 + about_centre

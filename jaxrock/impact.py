@@ -1,7 +1,7 @@
 """The impact law: the velocity after an impact, the side, and coefficients of restitution.
 
 Every single impact is computed here, of closed forms and of integrated motions. Sums over many
-impacts contain powers of C instead, such as ``(1 - C^i) / (1 - C)``: the law is linear.
+impacts contain powers of C instead, such as ``(1 - C^i) / (1 - C)``: they require a linear law.
 
 Velocities are counted from the side on which the block stands, so that one law serves both
 kinds of block: after an impact it moves away from the ground at C times the velocity with
@@ -9,7 +9,7 @@ which it came. A free-standing block then stands on the other side; a one-sided 
 wall has thrown back, stands where it stood.
 """
 
-from typing import cast
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -40,9 +40,30 @@ ONE_SIDED_RESTITUTION = Domain(
 MEASURED_OVER_THEORY = 0.85
 
 
-def velocity_after_impact(restitution: Reals, velocity: Reals) -> Reals:
-    """Compute the velocity with which a block leaves the ground after an impact."""
-    return restitution * velocity
+# Whether `restitution_at` leaves C as it is. What rests on that, such as a sum over many
+# impacts, refuses another law, and the batch carries no unit of velocity.
+LINEAR_LAW = True
+
+
+def restitution_at(restitution: Reals, velocity: Reals) -> Reals:
+    """Compute the coefficient of an impact at a velocity [rad/s]: the law itself, here C."""
+    return restitution
+
+
+def velocity_after_impact(
+    restitution: Reals, velocity: Reals, unit: Reals | None = None
+) -> Reals:
+    """Compute the velocity with which a block leaves the ground after an impact.
+
+    The `unit` of both velocities is given in rad/s, where it is another one.
+    """
+    return restitution_at(restitution, velocity * (1 if unit is None else unit)) * velocity
+
+
+def require_linear_law(arguments: object = None) -> None:
+    """Raise `ValueError` if the impact law is not linear; `elementwise` gives arguments."""
+    if not LINEAR_LAW:
+        raise ValueError("restitution must not depend on velocity for a sum over impacts")
 
 
 def side_after_impact(one_sided: bool, side: Reals) -> Reals:
@@ -76,24 +97,16 @@ def read_restitution(block: Block, restitution: Number) -> Reals:
     # The kind of the block is checked by the caller, perhaps later.
     if getattr(block, "one_sided", False):
         check("restitution", coefficient, ONE_SIDED_RESTITUTION)
-        return _take_magnitude(coefficient)
+        # Its derivative at 0 is 1 in JAX, as for larger values. In NumPy, which compiles nothing.
+        traced = is_traced(coefficient)
+        return jnp.abs(coefficient) if traced else as_array(np.abs(coefficient))
     check("restitution", coefficient, UNIT_INTERVAL)
     return coefficient
 
 
-def prepare_restitution(arguments: dict[str, object]) -> None:
+def prepare_restitution(arguments: dict[str, Any]) -> None:
     """Replace the restitution of a one-sided block among arguments by its magnitude."""
-    arguments["restitution"] = read_restitution(
-        cast("Block", arguments["block"]), cast("Number", arguments["restitution"])
-    )
-
-
-def _take_magnitude(restitution: Reals) -> Reals:
-    """Take the magnitude, whose derivative at 0 is 1 in JAX, as for larger values."""
-    if is_traced(restitution):
-        return jnp.abs(restitution)
-    # In NumPy, which compiles nothing.
-    return as_array(np.abs(np.asarray(restitution)))
+    arguments["restitution"] = read_restitution(arguments["block"], arguments["restitution"])
 
 
 @elementwise()
@@ -164,8 +177,7 @@ def one_sided_restitution(block: Block) -> Reals:
     square = block.slenderness**2
     twice = 2 * fraction_in_centre(block.inertia_ratio)
     # The first and the third impact are Housner's, the second one is at the wall.
-    at_wall = 1 - twice * square / (1 + square)
-    return housner_restitution(block) ** 2 * at_wall
+    return housner_restitution(block) ** 2 * (1 - twice * square / (1 + square))
 
 
 def compute_restitution_by_size(block: Block) -> Reals:

@@ -24,8 +24,7 @@ def is_linearized(model: RockingModel) -> bool:
     # A subclass as well: it would change free rocking and leave the equation as it is.
     if type(model) not in (Linearized, Nonlinear):
         raise ValueError(
-            "model must be Linearized or Nonlinear for driven motion, which has no other"
-            f" equation, got {describe(model)}"
+            f"model must be Linearized or Nonlinear for driven motion, got {describe(model)}"
         )
     return isinstance(model, Linearized)
 
@@ -50,6 +49,7 @@ class Equation(eqx.Module):
     tangent: Reals  # of the critical angle: the push that just lifts the block
     model: RockingModel
     one_sided: bool = eqx.field(static=True)  # stands against a wall, on the side 1
+    velocity_unit: Reals | None = None  # [rad/s], for an impact law, if it is another one
 
     @property
     def linearized(self) -> bool:

@@ -26,7 +26,7 @@ def free_motion_margins(
     before = (equation.returning_velocity(rotation) - velocity) / critical
     # A block that lands with more than the critical velocity may overturn on the other side.
     landing = equation.landing_velocity(rotation, velocity)
-    after = 1 - velocity_after_impact(restitution, landing) / critical
+    after = 1 - velocity_after_impact(restitution, landing, equation.velocity_unit) / critical
     return before, after
 
 
@@ -99,12 +99,9 @@ def free_motion_margin(
     """
     equation = Equation.of(block, as_model(model))
     # A block on the ground stands on the side to which it moves.
-    backward = jnp.where(rotation == 0, velocity, rotation) < 0
-    backward = backward & (not block.one_sided)
-    outward = jnp.where(backward, -jnp.asarray(velocity), velocity)
-    margins = free_motion_margins(
-        equation, jnp.asarray(restitution), jnp.abs(rotation), outward
-    )
+    backward = (jnp.where(rotation == 0, velocity, rotation) < 0) & (not block.one_sided)
+    speed = jnp.where(backward, -jnp.asarray(velocity), velocity)
+    margins = free_motion_margins(equation, jnp.asarray(restitution), jnp.abs(rotation), speed)
     margin = pick_smaller_margin(*margins)
     # There is a wall.
     return jnp.where(jnp.asarray(rotation) < 0, jnp.nan, margin) if block.one_sided else margin

@@ -12,17 +12,9 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..impact import count_half_cycles, velocity_after_impact
+from ..impact import count_half_cycles, require_linear_law, velocity_after_impact
 from ..numerics import one_minus_square, quotient, quotient_or_infinite, share_of_one
-from ..validation import (
-    COUNT,
-    NON_NEGATIVE,
-    Booleans,
-    Number,
-    Reals,
-    elementwise,
-    quantity,
-)
+from ..validation import COUNT, NON_NEGATIVE, Booleans, Number, Reals, elementwise, quantity
 from .free_rocking import Linearized, ModelLike, as_model
 from .rocking_model import RockingModel
 from .scene import Scene
@@ -83,7 +75,7 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
     return after + launch_velocity(scene)
 
 
-@elementwise(half_cycle=COUNT)
+@elementwise(require_linear_law, half_cycle=COUNT)
 def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
     """Compute the launch velocity of half-cycle i, even if an earlier one overturns (Eq. 8).
 
@@ -116,7 +108,7 @@ def half_cycle_velocity(scene: Scene, half_cycle: Number) -> Reals:
     return quotient_or_infinite(launch_velocity(scene), share)
 
 
-@elementwise()
+@elementwise(require_linear_law)
 def stabilized_velocity(scene: Scene) -> Reals:
     """Compute the limit of the launch velocity, even if the block overturns earlier (Eq. 10).
 
@@ -138,7 +130,7 @@ def stabilized_velocity(scene: Scene) -> Reals:
     return quotient_or_infinite(launch_velocity(scene), 1 - scene.restitution)
 
 
-@elementwise(model=as_model)
+@elementwise(require_linear_law, model=as_model)
 def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the full period of the stabilized phase (Eq. 11).
 
@@ -167,7 +159,7 @@ def stabilized_period(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     return count_half_cycles(scene.block) * half
 
 
-@elementwise(model=as_model)
+@elementwise(require_linear_law, model=as_model)
 def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the peak rotation in the stabilized phase (Eq. 12).
 
@@ -193,7 +185,7 @@ def stabilized_rotation(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     return _compute_where_stabilized(scene, model, lambda m, *at: m._peak_rotation(*at))
 
 
-@elementwise(model=as_model)
+@elementwise(require_linear_law, model=as_model)
 def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the stabilized peak rotation over the critical angle (Figs. 6 to 8).
 
@@ -222,7 +214,7 @@ def rotation_ratio(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     )
 
 
-@elementwise(model=as_model)
+@elementwise(require_linear_law, model=as_model)
 def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the stabilized peak rotation over the peak after the first pulse (Fig. 4).
 
@@ -258,7 +250,7 @@ def amplification(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     return jnp.where(stands, model._peak_amplification(scene.block, x, growth), jnp.nan)
 
 
-@elementwise(model=as_model)
+@elementwise(require_linear_law, model=as_model)
 def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Compute the fraction of the energy barrier that is left in the stabilized phase.
 
@@ -287,7 +279,7 @@ def overturning_margin(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     return jnp.where(limited, one_minus_square(x), -jnp.inf)
 
 
-@elementwise(model=as_model)
+@elementwise(require_linear_law, model=as_model)
 def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Reals:
     """Find the first half-cycle in which the block overturns.
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..impact import prepare_restitution
+from ..impact import prepare_restitution, require_linear_law
 from ..numerics import quotient, quotient_or_infinite, share_of_one
 from ..validation import (
     COUNT,
@@ -355,6 +355,7 @@ def critical_restitution(
 
 def _single_pulse_intensity(block: Block, model: ModelLike) -> Reals:
     """Compute the intensity of the single pulse that just overturns [m/s]."""
+    require_linear_law()
     return as_model(model)._critical_velocity(block) / block.pulse_velocity(1.0)
 
 

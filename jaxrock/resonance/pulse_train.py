@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from ..block import Block
 from ..host import Printed, Status, format_fields
-from ..impact import read_restitution, side_after_impact, velocity_after_impact
+from ..impact import read_restitution, side_after_impact
 from ..numerics import pick_larger, refuse_reverse_mode
 from ..validation import (
     FINITE,
@@ -252,7 +252,7 @@ def follow_timed_train(rocker: Rocker, times: Reals, intensities: Reals) -> Trai
     # After the last pulse the highest peak is the next one. A block that falls then may leave
     # the impact faster than it ever was.
     rises = last.since <= 0.5 * last.duration
-    x = jnp.where(rises, last.x, velocity_after_impact(rocker.restitution, last.x))
+    x = jnp.where(rises, last.x, rocker.launch_after_impact(last.x))
     overturned = last.overturned | (x >= 1)
     peak = pick_larger(last.peak, _launch_peak(rocker, x))
     complete = last.impacts < _MAX_IMPACTS
@@ -330,7 +330,7 @@ def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMot
     def apply_impact(carry: tuple[FreeMotion, Reals]) -> tuple[FreeMotion, Reals]:
         """Go on to the launch after the next impact, and shorten the interval by the way."""
         motion, left = carry
-        x = velocity_after_impact(rocker.restitution, motion.x)
+        x = rocker.launch_after_impact(motion.x)
         after = FreeMotion(
             x=x,
             duration=rocker.duration(x),

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
+from ..impact import velocity_after_impact
 from ..validation import Booleans, Reals
 from .free_rocking import Linearized
 from .rocking_model import RockingModel
@@ -52,6 +53,11 @@ class Rocker(NamedTuple):
     def unit(self) -> Reals:
         """Intensity of the single pulse that just overturns [m/s]."""
         return self.model._critical_velocity(self.block) / self.block.pulse_velocity(1.0)
+
+    def launch_after_impact(self, x: Reals) -> Reals:
+        """Compute the launch velocity after an impact, over the critical one [-]."""
+        critical = self.model._critical_velocity(self.block)
+        return velocity_after_impact(self.restitution, x, critical)
 
     def duration(self, x: Reals) -> Reals:
         """Compute the duration of a half-cycle [s]; a long one where the block overturns."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from ..impact import side_after_impact, velocity_after_impact
+from ..impact import require_linear_law, side_after_impact
 from ..validation import Booleans, Integers, Reals
 from .pulse_train import Flight, Rocker
 
@@ -156,6 +156,7 @@ def follow_phased_train(
     Pulses from the number `count` on do not come. All half-cycles up to `most_impacts` after a
     pulse are computed, so a smaller number makes a faster program.
     """
+    require_linear_law()
     number = jnp.arange(most_impacts + 1)
     powers = rocker.restitution ** number.astype(train.impulse.dtype)
 
@@ -217,7 +218,7 @@ def follow_phased_train(
     comes = jnp.arange(1, size) < (size if count is None else count)
     later_pulses = _TrainPulse(train.phase[1:], train.impulse[1:], train.impacts[1:], comes)
     (flight, *_), later = jax.lax.scan(advance_to_pulse, first, later_pulses)
-    x = jnp.where(flight.q < 0, velocity_after_impact(rocker.restitution, flight.x), flight.x)
+    x = jnp.where(flight.q < 0, rocker.launch_after_impact(flight.x), flight.x)
     # The first pulse keeps any spacing: what it lacks is negative, and nothing is required.
     first_values = (zero, zero + 1, zero, zero - 1, jnp.zeros((), train.impacts.dtype))
     columns = (

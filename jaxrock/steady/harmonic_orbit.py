@@ -12,7 +12,7 @@ from jaxtyping import Array, Complex
 from ..block import Block
 from ..driven import TOPPLED_ROTATION, Equation, uplift_acceleration
 from ..host import Printed, format_fields
-from ..impact import velocity_after_impact
+from ..impact import require_linear_law
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     NON_NEGATIVE,
@@ -146,6 +146,7 @@ def harmonic_orbit(
     >>> print(f"{orbit.rotation_ratio:.3f}", bool(orbit.stable), bool(orbit.below_uplift))
     0.094 True True
     """
+    require_linear_law()
     model = as_model(model)
     # Two programs: the first one guards its arguments, and makes an orbit that does not exist
     # NaN, from which the second one knows it.
@@ -201,10 +202,9 @@ def _compute_quantities(
         return jnp.pad(flat, (0, rows * width - size), mode="edge").reshape(rows, width)
 
     scenes = jax.tree.unflatten(form, [divide_into_rows(leaf) for leaf in leaves])
-    solutions = jax.lax.map(jax.vmap(_solve_scene), scenes)
-    *values, exists = (part.reshape(-1)[:size].reshape(shape) for part in solutions)
-    landing, phase, peak, trace = values
-    launch = velocity_after_impact(restitution, landing * angle * rate)
+    solved = jax.lax.map(jax.vmap(_solve_scene), scenes)
+    landing, phase, peak, trace, exists = (p.reshape(-1)[:size].reshape(shape) for p in solved)
+    launch = restitution * (landing * angle * rate)
     values = launch, phase, peak * angle, peak, trace, restitution**2
     # Last of all, so that no NaN is a factor of a derivative.
     known = [jnp.where(exists, value, jnp.nan) for value in values]

@@ -152,7 +152,7 @@ def read_landing(followed: FollowedMotion) -> tuple[Reals, Landing]:
     landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
     over = jnp.where(response.status <= Status.LIST_FULL, OVERTURNS, FAILS)
     outcome = jnp.where(landed, LANDS, jnp.where(response.at_rest, RESTS, over))
-    return landing, (outcome, jnp.where(landed, time, 0), followed.peak)
+    return landing, (outcome, jnp.where(landed, time, 0), followed.response.peak_rotation)
 
 
 @eqx.filter_jit

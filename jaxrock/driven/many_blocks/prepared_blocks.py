@@ -1,11 +1,13 @@
 """The numbers of the blocks of a batch, and what follows from them once for all steps."""
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from ... import impact
 from ...block import Block
 from ...resonance import RockingModel
 from ...validation import Booleans, Reals
@@ -71,11 +73,11 @@ def prepare_blocks(
 
     # The unit is arbitrary, so that no derivative depends on it.
     unit = jax.lax.stop_gradient(1 / ground.find_fastest(natural, rate))
-    p_squared = equation.p_squared * unit * unit
-    equation = eqx.tree_at(
-        lambda e: (e.p_squared, e.critical_velocity),
+    equation = dataclasses.replace(
         equation,
-        (p_squared, equation.critical_velocity * unit),
+        p_squared=equation.p_squared * unit * unit,
+        critical_velocity=equation.critical_velocity * unit,
+        velocity_unit=None if impact.LINEAR_LAW else 1 / unit,
     )
     rate = rate * unit
     length = length / unit
@@ -101,9 +103,9 @@ def prepare_blocks(
     )
 
     # A sum is finite only if all its terms are: one test serves all.
-    total = p_squared + equation.tangent + strength + start
+    total = equation.p_squared + equation.tangent + strength + start
     finite = jnp.isfinite(total + restitution + length + duration) & ground.is_finite(motion)
-    positive = (p_squared > 0) & (length > 0) & (duration > 0)
+    positive = (equation.p_squared > 0) & (length > 0) & (duration > 0)
     valid = finite & positive & (restitution >= 0) & (restitution <= 1)
     initial = None
     if arguments.rotation is not None and arguments.velocity is not None:

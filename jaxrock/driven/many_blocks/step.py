@@ -208,7 +208,7 @@ def take_step(
     path = (*path[:-2], *(part * factor for part, factor in last_two))
     flight = StepFlight.of(path, step, lanes.moves, lanes.peak, control.tolerance)
     arriving = jnp.abs(flight.velocity)
-    leaving = velocity_after_impact(case.restitution, arriving)
+    leaving = velocity_after_impact(case.restitution, arriving, case.equation.velocity_unit)
     settles, bounce = _settle(case, push, lift, flight.time, step, leaving, lanes.peak)
     settles = flight.lands & settles
     settles, bounce = materialize((settles, jnp.where(settles, bounce, 0)))

@@ -47,7 +47,6 @@ class FollowedMotion(NamedTuple):
     """A response, with what the half-cycle map asks of it."""
 
     response: Response
-    peak: Reals  # largest rotation
     last_impact: Reals  # its time, and the signed velocity just before it
 
 
@@ -117,7 +116,7 @@ def follow_driven(
     state, lists = repeat_packed(goes_on, take_turn, begin)
     full = (state.impacts > max_impacts) | (state.events > max_events)
     response = _make_response(integration, state, lists, valid, full)
-    return FollowedMotion(response, response.peak_rotation, state.last_impact)
+    return FollowedMotion(response, state.last_impact)
 
 
 # Compiled once for all tolerances, with derivatives in both modes.

@@ -171,14 +171,7 @@ class _Settings(NamedTuple):
 
 def _follow(driven: Driven, settings: _Settings, max_impacts: int) -> Response:
     """Follow a block with lists of a length, by the compiled program."""
-    return follow_driven_jitted(
-        driven,
-        rtol=settings.rtol,
-        atol=settings.atol,
-        model=settings.model,
-        method=settings.method,
-        max_impacts=max_impacts,
-    ).response
+    return follow_driven_jitted(driven, **settings._asdict(), max_impacts=max_impacts).response
 
 
 def _check_scalar(driven: Driven) -> None:
