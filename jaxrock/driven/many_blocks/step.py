@@ -209,9 +209,8 @@ def take_step(
     flight = StepFlight.of(path, step, lanes.moves, lanes.peak, control.tolerance)
     arriving = jnp.abs(flight.velocity)
     leaving = velocity_after_impact(case.restitution, arriving, case.equation.velocity_unit)
-    settles, bounce = _settle(case, push, lift, flight.time, step, leaving, lanes.peak)
-    settles = flight.lands & settles
-    settles, bounce = materialize((settles, jnp.where(settles, bounce, 0)))
+    settles, bounce = _settle(case, push, lift, flight, step, leaving, lanes.peak)
+    settles, bounce = materialize((settles, bounce))
 
     # Which row of the table each lane has come to.
     toppled = flight.highest >= TOPPLED_ROTATION
@@ -271,12 +270,12 @@ def _settle(
     case: Case,
     push: Coefficients,
     lift: Coefficients,
-    impact_time: Reals,
+    flight: StepFlight,
     step: Reals,
     leaving: Reals,
     peak: Reals,
 ) -> tuple[Booleans, Reals]:
-    """Return whether a block comes to rest after an impact, and how long its next bounce takes.
+    """Return whether a block that lands comes to rest, and how long its next bounce takes.
 
     It does if all further bounces, which are infinitely many, end within the step (Zeno), or
     if the velocity `leaving` the impact is rounding, or 0 as for C = 0, and nothing lifts the
@@ -285,8 +284,8 @@ def _settle(
     is bounded for an input that changes meanwhile.
     """
     equation = case.equation
-    sideways = evaluate(push, impact_time)
-    upward = evaluate(lift, impact_time) if lift else 0.0
+    sideways = evaluate(push, flight.time)
+    upward = evaluate(lift, flight.time) if lift else 0.0
 
     # The next bounce goes to the next side, those after it to either one. Gravity brings the
     # block down slowest on the side to which the ground pushes.
@@ -302,7 +301,7 @@ def _settle(
     share = (1 - case.restitution) * down
     allowed_change = 0.125 * share
     bounces = 3 * leaving / jnp.where(share > 0, share, 1)
-    settled = impact_time + bounces
+    settled = flight.time + bounces
     change = case.ground_cosine * _bound_slope(push, settled)
     if lift:
         change = change + case.ground_sine * _bound_slope(lift, settled)
@@ -324,8 +323,8 @@ def _settle(
     # Not even for C = 0 is the time of that bounce without a derivative. Elsewhere it is at
     # most rounding: unless the ground falls away with g, its deceleration is twice `weight`.
     returns = (down < 0) & (next_down > 0.01 * weight)
-    bounce = jnp.where(returns, 2 * leaving / next_down, 0)
-    return ends | (nothing & pressed), bounce
+    settles = flight.lands & (ends | (nothing & pressed))
+    return settles, jnp.where(settles & returns, 2 * leaving / next_down, 0)
 
 
 def _bound_slope(series: Coefficients, time: Reals) -> Reals:
