@@ -184,12 +184,13 @@ def test_impacts_that_stop_a_block(size, one_sided):
     stands = ~truth.overturned
     motion = Harmonic(amplitude, frequency, 8)
     c = np.array([[0.0], [-0.0], [1e-310]])
-    for rtol in (1e-9, 1e-13):
+    # Flights from rest to rest amplify errors as well.
+    for rtol, tolerance in ((1e-9, 1e-3), (1e-13, 1e-5)):
         found = jr.respond_batch(block, c, motion, rtol=rtol)
         np.testing.assert_array_equal(found.overturned, [truth.overturned] * 3)
         for mine, theirs in ((found.peak_rotation, truth.peak), (found.margin, truth.margin)):
             expected = [theirs[stands]] * 3
-            np.testing.assert_allclose(mine[:, stands], expected, rtol=1e-5, atol=1e-6)
+            np.testing.assert_allclose(mine[:, stands], expected, rtol=tolerance, atol=1e-6)
     estimate = jr.respond_within(block, c, motion, 1e-6)
     assert estimate.within_tolerance.all()
     response = jax.tree.map(np.asarray, estimate.response)

@@ -81,11 +81,10 @@ _INITIAL = {"rotation": UP_TO_ITS_SIDE, "velocity": FINITE}
 class ImpactSum(NamedTuple):
     """A sum over the impacts while the input acts, by which two motions of a block are compared.
 
-    It sums squared velocities before impacts, with weights that grow in time from 1 to 2: after
-    impacts all are 0 for C = 0.
-    Trajectories that diverge have other impacts, or the same ones at other times.
-    Velocities are in the unit of the batch, which depends on the block and the kind of input
-    alone.
+    It sums squared velocities before impacts (after impacts all are 0 if C = 0), with weights
+    that grow in time from 1 to 2. Trajectories that diverge have other impacts, or the same
+    ones at other times. Velocities are in the unit of the batch, which depends on the block
+    and the kind of input alone.
     """
 
     energy: Reals
