@@ -63,10 +63,10 @@ CODE_LINES = {
     "host": 431,
     "tables": 1017,
     "numerics": 774,
-    "resonance": 1755,
-    "ground_motion": 1482,
+    "resonance": 1752,
+    "ground_motion": 1481,
     "ground_motion/files": 2135,
-    "driven": 3330,
+    "driven": 3324,
     "steady": 1004,
     "overturning": 665,
     "sensitivity": 1707,
@@ -75,10 +75,10 @@ CODE_LINES = {
     "accuracy": 644,
     "grids": 789,
     "spectra": 812,
-    "risk": 3432,
+    "risk": 3429,
     "plot": 1691,
-    "reports": 994,
-    "cli": 2887,
+    "reports": 992,
+    "cli": 2885,
 }
 
 

@@ -34,8 +34,6 @@ def find_directions(which: slice, recordings: int, directions: int) -> int:
 
     Raises a `ValueError` if that differs from record to record.
     """
-    if directions == 1:
-        return 1
     places = range(recordings * directions)[which]
     sources = [place % recordings for place in places]
     if len(set(sources)) == len(sources):
