@@ -244,7 +244,9 @@ def take_step(
     # Sums that only compare two motions need no derivatives. Bounces after the block settles are
     # summed as a geometric series.
     counts = flight.lands & before_end
-    weight = (case.duration + begin + lanes.elapsed + taken) * jnp.where(settles, case.bounces, 1)
+    weight = (case.duration + begin + lanes.elapsed + taken) * jnp.where(
+        settles, case.bounces, 1
+    )
     energy = jax.lax.stop_gradient(jnp.where(counts, weight * arriving * arriving, 0))
     return materialize(
         Lanes(
