@@ -9,7 +9,7 @@ which it came. A free-standing block then stands on the other side; a one-sided 
 wall has thrown back, stands where it stood.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -32,22 +32,24 @@ ONE_SIDED_RESTITUTION = Domain(
     "between -1 and 1 for a one-sided block", lambda x: abs(x) <= 1, 0.5
 )
 
-# Ratio of a measured restitution to the one that follows from size: the low end to compute
-# with where neither the material nor the support is known. Measured were 0.95 and 0.97 of
-# concrete on concrete (doi:10.1201/9781003060888-45), 0.95 of walls
-# (doi:10.1007/s10518-011-9291-1), 0.75 to 0.97 of two rocks (docs/validation.md). Rubber is
-# below it: 0.67. Contacts inside of the edges are above 1. See docs/restitution.md.
-MEASURED_OVER_THEORY = 0.85
+
+class ImpactLaw:
+    """The impact law: which coefficient of restitution an impact has.
+
+    For a law of your own, set `LAW` of this module to an object of a subclass, before anything
+    is compiled.
+    """
+
+    # Whether the coefficient is C at all velocities. What rests on that, such as a sum over many
+    # impacts, refuses another law.
+    linear: ClassVar[bool] = True
+
+    def restitution_at(self, restitution: Reals, velocity: Reals) -> Reals:
+        """Compute the coefficient of an impact at a velocity [rad/s], here C."""
+        return restitution
 
 
-# Whether `restitution_at` leaves C as it is. What rests on that, such as a sum over many
-# impacts, refuses another law, and the batch carries no unit of velocity.
-LINEAR_LAW = True
-
-
-def restitution_at(restitution: Reals, velocity: Reals) -> Reals:
-    """Compute the coefficient of an impact at a velocity [rad/s]: the law itself, here C."""
-    return restitution
+LAW = ImpactLaw()
 
 
 def velocity_after_impact(
@@ -57,12 +59,12 @@ def velocity_after_impact(
 
     The `unit` of both velocities is given in rad/s, where it is another one.
     """
-    return restitution_at(restitution, velocity * (1 if unit is None else unit)) * velocity
+    return LAW.restitution_at(restitution, velocity * (1 if unit is None else unit)) * velocity
 
 
 def require_linear_law(arguments: object = None) -> None:
     """Raise `ValueError` if the impact law is not linear; `elementwise` gives arguments."""
-    if not LINEAR_LAW:
+    if not LAW.linear:
         raise ValueError("restitution must not depend on velocity for a sum over impacts")
 
 
@@ -98,8 +100,7 @@ def read_restitution(block: Block, restitution: Number) -> Reals:
     if getattr(block, "one_sided", False):
         check("restitution", coefficient, ONE_SIDED_RESTITUTION)
         # Its derivative at 0 is 1 in JAX, as for larger values. In NumPy, which compiles nothing.
-        traced = is_traced(coefficient)
-        return jnp.abs(coefficient) if traced else as_array(np.abs(coefficient))
+        return as_array((jnp if is_traced(coefficient) else np).abs(coefficient))
     check("restitution", coefficient, UNIT_INTERVAL)
     return coefficient
 
@@ -195,7 +196,11 @@ def compute_low_restitution(block: Block) -> Reals:
     From it up to `compute_restitution_by_size` it holds for hard flat bases that touch the
     floor at their edges. Soft layers are below, contacts inside of the edges above.
     """
-    return MEASURED_OVER_THEORY * compute_restitution_by_size(block)
+    # The low end to compute with where neither the material nor the support is known. Measured
+    # over theory were 0.95 and 0.97 of concrete on concrete (doi:10.1201/9781003060888-45),
+    # 0.95 of walls (doi:10.1007/s10518-011-9291-1), 0.75 to 0.97 of two rocks
+    # (docs/validation.md); rubber 0.67. See docs/restitution.md.
+    return 0.85 * compute_restitution_by_size(block)
 
 
 def describe_assumed_restitution(block: Block) -> str:

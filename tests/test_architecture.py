@@ -66,7 +66,7 @@ CODE_LINES = {
     "resonance": 1752,
     "ground_motion": 1481,
     "ground_motion/files": 2135,
-    "driven": 3324,
+    "driven": 3326,
     "steady": 1004,
     "overturning": 665,
     "sensitivity": 1707,

@@ -15,12 +15,18 @@ C = 0.9
 LOSS = 0.2  # of C per rad/s
 
 
+class Lossy(impact.ImpactLaw):
+    linear = False
+
+    def restitution_at(self, restitution, velocity):
+        return restitution - LOSS * velocity
+
+
 @pytest.fixture
 def law(monkeypatch):
     """Programs are compiled with a law, and must not outlive it."""
     jax.clear_caches()
-    monkeypatch.setattr(impact, "LINEAR_LAW", False)
-    monkeypatch.setattr(impact, "restitution_at", lambda c, velocity: c - LOSS * velocity)
+    monkeypatch.setattr(impact, "LAW", Lossy())
     yield
     jax.clear_caches()
 

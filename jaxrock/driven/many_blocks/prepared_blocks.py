@@ -77,7 +77,7 @@ def prepare_blocks(
         equation,
         p_squared=equation.p_squared * unit * unit,
         critical_velocity=equation.critical_velocity * unit,
-        velocity_unit=None if impact.LINEAR_LAW else 1 / unit,
+        velocity_unit=None if impact.LAW.linear else 1 / unit,
     )
     rate = rate * unit
     length = length / unit
