@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.driven import convert_motion
@@ -164,8 +165,8 @@ def test_batch_against_independent_integration(truth):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("one_sided", [False, True])
-@pytest.mark.parametrize("size", [150, pytest.param(2000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("one_sided", first_by_default([False, True]))
+@pytest.mark.parametrize("size", first_by_default([150, 2000]))
 def test_impacts_that_stop_a_block(size, one_sided):
     """With C = 0: lifted at once where the ground pushes back, and certified as it is."""
     rng = np.random.default_rng(5)

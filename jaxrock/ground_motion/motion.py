@@ -212,10 +212,20 @@ class Motion(Printed, Checked):
         return (time >= self.start) & (time < self.end)
 
     def time_rounding(self, time: Reals) -> Reals:
-        """Bound the rounding error of a time [s]: closer than that it coincides with a corner.
+        """Bound the rounding error of a time: closer than that it coincides with a corner.
 
         This is the only rule for coincidences: a step that ends at a kink for one rule and not
         for another would go on with the slope of the wrong interval.
+
+        Parameters
+        ----------
+        time : Array
+            Times [s].
+
+        Returns
+        -------
+        bound : Array, shape (...)
+            Time [s].
         """
         # Corners and times come from the start and the length of the motion in at most six
         # operations, each of which rounds by eps / 2.

@@ -50,6 +50,11 @@ def value_and_slopes(
         structures if `argnums` is a sequence). Each has the shape of the values, also where
         the argument is broadcast.
 
+    Raises
+    ------
+    ValueError
+        If `argnums` is an empty sequence.
+
     Examples
     --------
     >>> import jax.numpy as jnp
