@@ -62,7 +62,7 @@ OF_ANY_STRING = {
     ),
     "cost of a model": lambda text: jr.model_error(SCENE).total(text("linearized"), 64),
     "curves": lambda text: plot_curves(
-        spectrum().rotation_ratio.sel(restitution=0.6), text("width"), text("slenderness")
+        spectrum().rotation_ratio, text("width"), text("slenderness")
     ).get_xlabel(),
     "variable": lambda text: (
         plot_spectrum(spectrum(), text("amplification")).axes[0].get_ylabel()

@@ -197,6 +197,7 @@ def compute_likelihood_by_hand(fit, population, nodes, groups):
     return total
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize(("nodes", "bound"), [(5, 1e-9), (0, 0.02)])
 def test_the_likelihood_is_that_of_a_loop(nodes, bound):
@@ -207,6 +208,7 @@ def test_the_likelihood_is_that_of_a_loop(nodes, bound):
     assert float(fit.log_likelihood(population)) == pytest.approx(expected, abs=bound)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize(("nodes", "bound"), [(5, 1e-12), (0, 2e-3)])
 def test_a_probability_is_that_of_a_loop(nodes, bound):
@@ -223,6 +225,7 @@ def test_a_probability_is_that_of_a_loop(nodes, bound):
     np.testing.assert_allclose(computed, expected, atol=bound, rtol=0)
 
 
+@pytest.mark.thorough
 def test_a_peak_of_an_overturned_block_and_padding_count_nothing():
     """Nor does what a block of the sample does in tests that do not count."""
     fit = usual_fit()
@@ -247,6 +250,7 @@ def differentiate(compute, population, field, place):
     return (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * step)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("question", ["log_likelihood", "probability"])
 def test_derivatives_are_those_of_differences(question):
@@ -309,6 +313,7 @@ def test_a_population_is_normal_with_its_deviations_and_correlations():
 # The search
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_the_mode_is_that_of_another_search():
     fit = usual_fit()
@@ -349,6 +354,7 @@ def test_the_mode_is_that_of_another_search():
     np.testing.assert_allclose(computed / width / width[:, None], covariance, atol=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_a_posterior_without_tests_is_the_prior():
     fit = usual_fit()
@@ -423,6 +429,7 @@ def test_blocks_that_cannot_rock_do_not_count():
 # What goes elsewhere
 
 
+@pytest.mark.thorough
 def test_the_uncertain_block_is_that_of_the_population():
     # Groups deviate so much that correlations have to shrink.
     population = make_population(correlations=[0.6, -0.5, 0.1], group_deviation=0.3)
@@ -466,6 +473,7 @@ def test_the_uncertain_block_goes_into_fragilities_and_rates():
     assert curves.sizes["level"] == 3
 
 
+@pytest.mark.thorough
 def test_a_fit_is_printed():
     fit = usual_fit()
     text = str(fit)
@@ -619,6 +627,7 @@ def search_half(data, fitted):
     return search_population(prior, fit.points, data, counts, grouped=True)
 
 
+@pytest.mark.thorough
 def test_nothing_of_a_held_out_test_is_fitted():
     fit = usual_fit()
     fitted = halve_by_hand(0)

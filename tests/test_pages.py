@@ -70,7 +70,7 @@ def compared(code, namespace):
         ("records", 0),
         ("paper", 4),
         ("conformance", 0),
-        ("one_sided", 4),
+        pytest.param("one_sided", 4, marks=pytest.mark.thorough),
         pytest.param("sharp_edges", 17, marks=pytest.mark.thorough),
     ],
 )
