@@ -257,7 +257,7 @@ ANSWERS = {
 @pytest.mark.parametrize("model", first_by_default(reversed(MODELS)), ids=repr)
 @pytest.mark.parametrize(
     "name",
-    some_by_default(ANSWERS, ANSWERS.keys() - {"boundary", "batch", "driven"}),
+    some_by_default(ANSWERS, {"rotation_ratio", "period", "critical_intensity"}),
 )
 def test_inertia_acts_as_width(name, model):
     """A body of kappa moves like a rectangle that is wider by kappa over 4 / 3.

@@ -490,6 +490,7 @@ def test_batches_of_all_sizes_take_one_program(compiled):
     assert compiled == []
 
 
+@pytest.mark.thorough
 def test_blocks_in_motion_take_one_program_more(compiled):
     """Whichever part of the initial state is given, and how."""
     for motion in (pulses(0), record()):

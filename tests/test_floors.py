@@ -335,6 +335,7 @@ def test_the_floor_of_a_sample_is_its_own():
     np.testing.assert_allclose(table.rate, [float(rate.rate)], rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_many_floors_are_simulated_in_groups(monkeypatch):
     """Records of samples are many, and no bit depends on how they lie in memory."""
     from jaxrock.driven.many_blocks import ground_motions

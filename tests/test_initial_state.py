@@ -50,6 +50,7 @@ def pick(tree, k):
     return jax.tree.map(lambda leaf: leaf[k] if leaf.ndim and leaf.size != 400 else leaf, tree)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
 @pytest.mark.parametrize("kind", first_by_default(["Sine", "Cosine", "harmonic", "record"]))
@@ -196,6 +197,7 @@ def test_against_scipy(state):
 signs_and_sizes = st.floats(-1.4, 1.4).filter(lambda x: x == 0 or abs(x) > 1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @hypothesis.given(
     rotation=signs_and_sizes,

@@ -665,6 +665,7 @@ def test_rates_at_both_ends_of_an_assumed_restitution(with_assumed):
     plt.close(ax.figure)
 
 
+@pytest.mark.thorough
 def test_years_in_words(with_assumed):
     _, dataset = with_assumed
     answer = dataset.sel(object=NAMES[1]).copy(deep=True)

@@ -56,6 +56,7 @@ def test_schedulers(tmp_path, scheduler):
             assert stored[name].values.tobytes() == whole[name].values.tobytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", ["linearized", "nonlinear"])
 def test_tiles_of_all_sizes_round_alike(monkeypatch, model):
     """On one processor they are smaller than on several."""

@@ -82,6 +82,7 @@ def rock_under_pulses(block, restitution, intensity, duration, count):
     return peak
 
 
+@pytest.mark.thorough
 def test_half_cycle_map_against_simulation():
     """The difference falls in proportion to the duration; two durations extrapolate it to 0."""
     scene = jr.Scene(WALL, C, 0.3)
@@ -93,6 +94,7 @@ def test_half_cycle_map_against_simulation():
     assert (4 * first[1] - first[0]) / 3 == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", first_by_default(MODELS))
 def test_only_the_period_differs(model):
     """Of the answers of the half-cycle map: it is half of that of a free-standing block."""

@@ -174,6 +174,7 @@ def test_motions_are_counted(messages):
     check_percents(read_percents(messages.text, "motions"), 3)
 
 
+@pytest.mark.thorough
 def test_steps_around_a_site_have_names_and_percentages(messages):
     suite = jr.Suite([jr.Record([0.0, a, a, -a, -a, 0.0], 0.1) for a in (3.0, 4.0)])
     site = jr.Site(suite, jr.Hazard([0.4, 4.0], [1e-2, 1e-4]))

@@ -287,6 +287,7 @@ VERGES = [
 ]
 
 
+@pytest.mark.thorough
 def test_pulses_at_their_verge():
     """From the critical velocity a little weaker ones keep the block up; stronger ones do not."""
     found = [

@@ -226,6 +226,7 @@ def test_derivatives_under_recorded_motions():
 NOISE = jr.Hazard([0.1, 0.4, 1.0, 3.0], [1e-2, 1e-3, 1e-4, 1e-6])
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_a_rate_has_the_bits_that_it_has_alone():
     """Whatever other objects, and however many boundaries they have."""
@@ -307,6 +308,7 @@ def test_the_rate_of_an_uncertain_block_in_closed_form():
     assert "256 samples of uncertain parameters" in str(answer)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_both_ways_to_a_rate_find_the_same_boundaries():
     """Under noise, with several boundaries between two levels: of these the same is found."""

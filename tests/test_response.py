@@ -370,6 +370,7 @@ def test_never_lifted_and_rest():
     assert lifted.peak_rotation > 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
 @pytest.mark.parametrize("sign", first_by_default([1, -1]))
 def test_in_balance(model, sign):
@@ -482,6 +483,7 @@ def test_lists_go_on(monkeypatch):
     np.testing.assert_array_equal(parts.history(times), history)
 
 
+@pytest.mark.thorough
 def test_a_record_that_ends_at_full_strength():
     samples = np.array([0.0, 4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0, 6.0])
     at = np.array([[0.3, 4.0, 0.7, 1.0, 0.15]])

@@ -137,6 +137,7 @@ def test_responses_are_those_of_the_records(eps):
         assert_row(found, k, jr.respond_within(BLOCKS, 0.8, record, 1e-2, duration=2.0))
 
 
+@pytest.mark.thorough
 def test_groups_of_records_change_no_bit(monkeypatch):
     """A suite that is too large for memory is followed in groups."""
     strong = SUITE.scaled(np.array([0.8, 1.5, 3.0]))
