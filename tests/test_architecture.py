@@ -67,7 +67,7 @@ CODE_LINES = {
     "ground_motion": 1481,
     "ground_motion/files": 2135,
     "driven": 3326,
-    "steady": 1004,
+    "steady": 1001,
     "overturning": 665,
     "sensitivity": 1707,
     "calibration": 1758,

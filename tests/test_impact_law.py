@@ -107,6 +107,8 @@ def test_sums_refuse_the_law():
         lambda: jr.overturning_half_cycle(scene),
         lambda: jr.critical_intensity(BLOCK, C),
         lambda: jr.harmonic_orbit(BLOCK, C, 1.5, 12.0),
+        lambda: jr.steady.least_harmonic_amplitude(BLOCK, C, 12.0),
+        lambda: jr.worst_train(BLOCK, C, 3),
     ):
         with pytest.raises(ValueError, match="must not depend on velocity for a sum"):
             ask()

@@ -19,14 +19,14 @@ determinant C^2. Its trace says the rest of stability.
 
 import abc
 import math
-from typing import cast
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 
 from ..block import Block
 from ..driven import Equation
-from ..impact import require_free_standing
+from ..impact import require_free_standing, require_linear_law
 from ..validation import (
     POSITIVE,
     UNIT_INTERVAL,
@@ -156,14 +156,14 @@ def _compute_trace_terms(c: Reals, w: Reals) -> tuple[Reals, Reals]:
     return from_parts, 0.5 * (1 + c) * jnp.sinh(length)
 
 
-def require_two_sides(arguments: dict[str, object]) -> None:
-    """Raise `ValueError` if the block among arguments stands against a wall.
+def require_two_sides(arguments: dict[str, Any]) -> None:
+    """Raise `ValueError` for a block against a wall, or an impact law that is not linear.
 
-    In half a period it would have to come back to the other side.
+    In half a period the block would have to come back to the other side. The determinant of the
+    map of half a period is C squared.
     """
-    require_free_standing(
-        cast("Block", arguments["block"]), "steady rocking on a harmonic floor"
-    )
+    require_free_standing(arguments["block"], "steady rocking on a harmonic floor")
+    require_linear_law()
 
 
 @elementwise(

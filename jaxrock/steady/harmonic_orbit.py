@@ -12,7 +12,6 @@ from jaxtyping import Array, Complex
 from ..block import Block
 from ..driven import TOPPLED_ROTATION, Equation, uplift_acceleration
 from ..host import Printed, format_fields
-from ..impact import require_linear_law
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import (
     NON_NEGATIVE,
@@ -146,7 +145,6 @@ def harmonic_orbit(
     >>> print(f"{orbit.rotation_ratio:.3f}", bool(orbit.stable), bool(orbit.below_uplift))
     0.094 True True
     """
-    require_linear_law()
     model = as_model(model)
     # Two programs: the first one guards its arguments, and makes an orbit that does not exist
     # NaN, from which the second one knows it.
