@@ -333,6 +333,7 @@ def test_a_disk_that_fills_up(capsys, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
 @pytest.mark.parametrize("arguments", first_by_default([["critical"], ["critical", "--json"]]))
 def test_standard_output_that_cannot_be_written(capsys, monkeypatch, arguments):

@@ -154,6 +154,7 @@ def grid(**changes):
     return jr.resonance_spectrum(**axes | {"chunks": {"slenderness": 2}} | changes)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -141,6 +141,7 @@ def test_width_at_this_height_is_where_brentq_finds_it(model):
     assert max(expected / height) > 2
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 def test_slopes_of_the_width_at_this_height():
     """By differences; the width of the given block alone has no influence."""
@@ -191,6 +192,7 @@ def test_width_at_this_height_at_all_intensities_there_are(model):
             assert abs(mp.mpf(float(steepness)) / expected - 1) < 32 * kind.eps, given
 
 
+@pytest.mark.thorough
 def test_edges_of_the_width_at_this_height():
     assert width_at_height(1.8, 0.7, 0.0) == 0
     assert width_at_height(1.8, 1.0, 0.1) == np.inf

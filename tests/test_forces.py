@@ -119,6 +119,7 @@ def test_a_block_that_is_lifted_at_once_has_not_stood_still(kind):
     np.testing.assert_allclose(jax.jacfwd(ours)(numbers)[0], expected, rtol=1e-5)
 
 
+@pytest.mark.thorough
 def test_extremes_of_the_forces_under_a_pulse_that_lifts_at_once():
     block = jr.Block(0.2, 5.0)
     pulse = jr.Cosine(4.0, 0.3)
@@ -170,6 +171,7 @@ def closed(slenderness, x, share=0.75):
     return demand.max(), normal.min()
 
 
+@pytest.mark.thorough
 def test_launched_blocks_that_overturn():
     """What was found depended on the length of the last step, which goes beyond 90 degrees."""
     for slenderness, x, ratio, known in (

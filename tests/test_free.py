@@ -253,6 +253,7 @@ def test_the_history_of_a_train_is_scipys(model):
     np.testing.assert_allclose(np.squeeze(traced), ours, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", MODELS, ids=repr)
 def test_a_history_before_the_first_pulse_and_after_overturning(model):
     train = jr.respond_to_train(jr.Block(0.4, 5.0), 0.7, [0.5, 1.5], [1.5, -5.0], model)

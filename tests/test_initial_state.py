@@ -232,6 +232,7 @@ def test_mirror_symmetry(rotation, velocity, strength, start, motion):
         assert one == -other
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("solver", first_by_default([jr.respond, jr.respond_batch]))
 @pytest.mark.parametrize("kind", first_by_default([jr.Cosine, jr.Sine]))

@@ -421,6 +421,7 @@ def test_an_object_has_the_bits_that_it_has_alone(under_noise, noise_site):
             np.testing.assert_array_equal(together[variable].sel(object=name), expected)
 
 
+@pytest.mark.thorough
 def test_rates_are_those_of_overturning_rate(under_noise, noise_site):
     """Of the median object, or of its samples."""
     inventory, dataset = under_noise

@@ -257,6 +257,7 @@ def test_trains_against_independent_integration(name):
     assert set(np.asarray(train.side).tolist()) <= {0.0, 1.0}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", MODELS)
 def test_resonance_as_a_train(model):
     """The paper's input, all one way and timed at the returns, is the half-cycle map."""
@@ -401,6 +402,7 @@ def test_rocking_spectrum():
     assert stocky.impacts.values.item() == 1
 
 
+@pytest.mark.thorough
 def test_overturning_spectrum_and_map():
     block = jr.Block(0.2, 5.0, one_sided=True)
     restitution = float(jr.one_sided_restitution(block))

@@ -58,6 +58,7 @@ def test_width_at_this_height_in_closed_form():
     assert f"{float(answer.value):.6g} m, width at this height: from there on" in str(answer)
 
 
+@pytest.mark.thorough
 @DOUBLE
 def test_many_objects_at_once():
     """Each has the bits that it has alone; bounds and targets may be its own."""

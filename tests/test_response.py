@@ -115,6 +115,7 @@ def test_makris_and_roussos(width, height, shape, duration, expected):
     assert found == pytest.approx(expected, abs=0.6 * 10.0 ** -len(str(expected)[2:]))
 
 
+@pytest.mark.thorough
 def test_decay_of_free_rocking():
     """Housner 1963: r = C^2 = 0.7, from 0.8 alpha_c, linearized."""
     block = jr.Block(0.3, 8.0)
@@ -149,6 +150,7 @@ def test_second_derivative_of_an_impact():
     assert float(second) == pytest.approx(closed, rel=1e-7)
 
 
+@pytest.mark.thorough
 def test_two_impulses():
     """Nabeshima et al. 2016: V, and -V right after the first impact, in the limit."""
     block = jr.Block(0.4, 4.0)

@@ -93,6 +93,7 @@ def test_a_run_beside_another_overwrites_nothing(tmp_path):
     assert (tmp_path / "table").read_text() == "theirs"
 
 
+@pytest.mark.thorough
 def test_the_package_starts_nothing():
     """No thread, no handler, no file: only `main` does."""
     code = (

@@ -227,7 +227,9 @@ STATED = {name: marks for names, *marks in ROWS for name in re.findall(r"`(\w+)`
 # Tracing the loops of these takes seconds.
 SLOW = (
     "pulsed_phase",
+    "critical_amplitude",
     "critical_pulsed_amplitude",
+    "overturning_boundaries",
     "respond",
     "critical_duration",
     "overturning_rate",

@@ -99,6 +99,7 @@ def test_trains_against_scipy(model):
     assert not all(outcomes)
 
 
+@pytest.mark.thorough
 @BOTH
 @pytest.mark.parametrize(
     "count",
@@ -322,6 +323,7 @@ def timed_without_jax(model, slenderness, c, count):
     return answers | {"right before the impacts": min(before, case.unit)}
 
 
+@pytest.mark.thorough
 def test_timing_that_did_not_converge_is_nan(monkeypatch):
     block = jr.Block(0.4, 4.0)
     nothing_left = jr.resonance.timing_costs(block, 0.0, 3)["right before the impacts"]
