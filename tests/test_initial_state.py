@@ -91,10 +91,16 @@ def test_against_one_block(kind, model):
             assert abs(float(off)) < 1e-5 * scale
 
 
+KINDS_OF_RELEASE = ["Cosine", "Ricker", "record"]  # half a minute each
+
+
 @pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("linearized", first_by_default([False, True]))
-@pytest.mark.parametrize("kind", first_by_default(["Sine", "Cosine", "Ricker", "record"]))
+@pytest.mark.parametrize(
+    "kind",
+    ["Sine", *(pytest.param(kind, marks=pytest.mark.release) for kind in KINDS_OF_RELEASE)],
+)
 def test_against_an_independent_integration(kind, linearized):
     rng = np.random.default_rng(2)
     half_width, slenderness, restitution, rotation, velocity = draw_blocks(rng, 200)

@@ -549,7 +549,7 @@ KINDS |= {f"impacts, {layout}": partial(make_impacts, layout) for layout in IMPA
 
 # A size in another unit is as small as no object is, which is said and not refused.
 @pytest.mark.filterwarnings("ignore:.*if another unit was meant")
-@pytest.mark.parametrize("number", [60, pytest.param(1000, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("number", [60, pytest.param(300, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_mutations(tmp_path, kind, number):
     name, content, read, same, statements = KINDS[kind]()
