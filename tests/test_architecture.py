@@ -78,7 +78,7 @@ CODE_LINES = {
     "risk": 3429,
     "plot": 1691,
     "reports": 992,
-    "cli": 2885,
+    "cli": 2886,
 }
 
 

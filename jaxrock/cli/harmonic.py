@@ -131,7 +131,8 @@ def _read_frequencies(block: Block, ratios: Grid, frequencies: Grid | None) -> n
     """Read the frequencies of the floor over p [-]."""
     if frequencies is None:
         return read_axis("frequency_ratio", ratios)
-    return read_axis("frequency", frequencies) * (2 * np.pi / float(block.frequency_parameter))
+    ratio = 2 * np.pi / float(block.frequency_parameter)
+    return np.asarray(read_axis("frequency", frequencies) * ratio)
 
 
 def _read_amplitudes(
@@ -142,7 +143,7 @@ def _read_amplitudes(
         return read_axis("amplitude_ratio", ratios)
     if amplitudes is not None:
         uplift = float(uplift_acceleration(block, as_model(model)))
-        return read_axis("amplitude", amplitudes) / uplift
+        return np.asarray(read_axis("amplitude", amplitudes) / uplift)
     # Evenly in logarithms, from gently to far beyond what lifts the block.
     return np.geomspace(0.05, 12, 60)
 

@@ -105,7 +105,7 @@ def answer_for_records():
             "respond": ("respond", *block, "--record", "example"),
             "rocking_spectrum": (
                 *("rocking-spectrum", "--record", "example", "--restitution", 0.5),
-                *("--period", 2, 4, "--slenderness", 3),
+                *("--free-period", 2, 4, "--slenderness", 3),
             ),
             "fragility": ("fragility", *slim, "--records", "example", *levels),
         }
