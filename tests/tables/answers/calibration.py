@@ -125,7 +125,8 @@ def fit_populations():
         suite, overturned, samples=512, seed=1, groups=groups, peak_rotations=peaks
     )
     yield from list_fit(fit, suite, "grouped/")
-    # What does not depend on where the search ended: answers for a population that is given.
+    # Answers for a population that is given depend less on where the search ended: by the blocks
+    # that are sampled around it, and so on how far programs are optimized.
     population = Population(
         *map(jnp.asarray, (0.17, 4.2, 0.87)),
         deviations=jnp.array([0.25, 0.12, 0.35]),
@@ -135,13 +136,13 @@ def fit_populations():
         peak_deviation=jnp.asarray(0.3),
     )
     value, slopes = jax.value_and_grad(fit.log_likelihood)(population)
-    yield "given/log_likelihood", value, 1e-9
-    yield "given/derivatives", list_population(slopes), 1e-8
-    yield "given/probability", fit.probability(suite, population), 1e-9
+    yield "given/log_likelihood", value, 1e-5
+    yield "given/derivatives", list_population(slopes), 1e-4
+    yield "given/probability", fit.probability(suite, population), 1e-5
 
 
 def list_fit(fit, suite, prefix):
-    yield f"{prefix}population", list_population(fit.population)
+    yield f"{prefix}population", list_population(fit.population), 1e-2
     yield f"{prefix}probability", fit.probability(suite)
     yield f"{prefix}restitution", fit.restitution
     yield f"{prefix}half_width", fit.block.half_width
