@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..tables import (
+from ..oldtables import (
     QUANTITIES,
     Head,
     Row,

@@ -2,7 +2,7 @@
 
 import math
 
-from ..tables import UNITS_OF_ACCELERATION, parse_unit
+from ..oldtables import UNITS_OF_ACCELERATION, parse_unit
 from ..validation import as_text
 
 

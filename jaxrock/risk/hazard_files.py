@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..tables import (
+from ..oldtables import (
     QUANTITIES,
     Head,
     Table,

@@ -3,7 +3,7 @@
 import math
 import re
 
-from ..tables import QUANTITIES, Table, Unit, find_units, parse_unit, quote_names, quote_word
+from ..oldtables import QUANTITIES, Table, Unit, find_units, parse_unit, quote_names, quote_word
 
 OTHER = "another measure than pga or pgv"
 _MEASURES = {

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..tables import Row, Table, Unit, as_number, parse_unit, quote_names, quote_word
+from ..oldtables import Row, Table, Unit, as_number, parse_unit, quote_names, quote_word
 from .hazard_notes import find_measures
 
 # The unit of levels is no part of these files: both programs take PGA in g and PGV in cm/s.

@@ -13,7 +13,7 @@ from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import FLOOR_DAMPING
 from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size
 from ..sensitivity import Uncertain
-from ..tables import QUANTITIES, Row, Table, quote_word, read_table
+from ..oldtables import QUANTITIES, Row, Table, quote_word, read_table
 from ..validation import AT_LEAST_ONE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL
 from .inventory import Inventory
 

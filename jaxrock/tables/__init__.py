@@ -1,29 +1,17 @@
 """Tables and other text files: read with errors that name file and line, written in one style."""
 
-from .cut import require_whole_end as require_whole_end
-from .heads import Head as Head
-from .heads import find_quantity as find_quantity
-from .heads import read_head as read_head
-from .heads import split_words as split_words
-from .quantities import QUANTITIES as QUANTITIES
-from .rows import Row as Row
-from .statements import NUMBER as NUMBER
-from .statements import WordsAndValue as WordsAndValue
-from .statements import collect_statements as collect_statements
-from .statements import find_contents as find_contents
-from .statements import find_factor as find_factor
-from .statements import find_steps as find_steps
-from .statements import find_units as find_units
-from .statements import read_fortran as read_fortran
+from .schema import Column as Column
+from .schema import Contents as Contents
+from .schema import read_table as read_table
+from .table import Head as Head
+from .table import Row as Row
 from .table import Table as Table
-from .table import read_table as read_table
+from .table import read_head as read_head
 from .text import NamedFile as NamedFile
-from .text import Statement as Statement
 from .text import TextFile as TextFile
 from .text import as_number as as_number
 from .text import quote_names as quote_names
 from .text import quote_word as quote_word
-from .text import read_content as read_content
 from .units import UNITS_OF_ACCELERATION as UNITS_OF_ACCELERATION
 from .units import Unit as Unit
 from .units import parse_unit as parse_unit

@@ -1,29 +1,51 @@
-"""Tables in text files: names of columns, numbers, and what stands above them.
+"""Tables as spreadsheets save them: a line of heads, rows below it, titles and comments above.
 
-Python's own ``csv`` splits the lines, since it says in which line of the file a row stands, and
-pandas does not; the bulk of the numbers is read by NumPy. What is not read is refused with the
-line.
+A head is a name and perhaps its unit in brackets, ``width [cm]`` or ``width (cm)``. The line of heads
+is the first one that has all columns that are needed; what stands above it is not read, and neither
+are lines that begin with #. Cells are separated by what a first line ``sep=;`` states, or else by the
+semicolons, tabs or commas of the line of heads. Beside semicolons and tabs, decimals may stand behind
+commas.
 """
 
+import csv
+import functools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from ..host import show_progress
-from .cut import require_whole_end
-from .heads import Head, read_head
-from .layout import find_layout
-from .rows import DECIMAL_COMMA, SEPARATORS, Row, is_comment, split_line, split_lines
-from .text import TextFile, as_number, quote_word
+from .text import TextFile, as_number, normalize, quote_word
+from .units import Unit, parse_unit
 
-_DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d+(?:[ed][-+]?\d+)?", re.I)
-_PERHAPS_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
-# As many are enough to see how numbers are printed.
-_LAST_LINES = 1000
+_SEPARATOR_LINE = re.compile(r'"?sep=(.?)"?\s*', re.I)
+_HEAD = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
+
+
+class Head(NamedTuple):
+    """A column as its head describes it: the words as printed, the name, and the unit if any."""
+
+    words: str
+    name: str
+    unit: Unit | None = None
+
+
+class Row(NamedTuple):
+    """A row of a table: the line in which it ends, and its cells."""
+
+    line: int
+    cells: list[str]
+
+
+# Files of a suite have the same heads.
+@functools.lru_cache(maxsize=256)
+def read_head(words: str) -> Head:
+    """Split the head of a column into its name, with blanks for underscores, and its unit."""
+    plain = " ".join(normalize(words).replace("_", " ").split())
+    match = _HEAD.fullmatch(plain)
+    return Head(words, match[1], parse_unit(match[2])) if match else Head(words, plain)
 
 
 class Table:
@@ -33,150 +55,123 @@ class Table:
     ----------
     text : TextFile
         The file, whose `error` names it.
-    heads : tuple of Head
-        What the columns are; empty if they have no names.
+    heads : list of Head
     line : int
-        Line of the names, or the first one if there are none.
-    notes : list of (int, str)
-        All comments of the file, and the titles above the names, with their line numbers.
+        Line of the heads.
     separator : str
         The character between two cells.
     """
 
-    def __init__(self, text: TextFile):
-        """Find the layout of a table, and read its heads."""
+    def __init__(self, text: TextFile, is_head: Callable[[list[Head]], bool], expected: str):
+        """Find the line of heads; a `ValueError` that says what was `expected` if none is."""
         self.text = text
-        names, self.line, self.notes, self.separator, self._top = find_layout(text)
-        self.heads: tuple[Head, ...] = tuple(map(read_head, names))
+        stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
+        first = 2 if stated else 1
+        for line in range(first, len(text.lines) + 1):
+            words = text.lines[line - 1]
+            if not words.strip() or _is_comment(words):
+                continue
+            # A tab after "sep=" may have been stripped with the blanks at the end of the line.
+            found = next((sign for sign in ";\t," if sign in words), ",")
+            self.separator = (stated[1] or "\t") if stated else found
+            cells = _split_line(words, self.separator)
+            # Spreadsheets end lines with separators of empty cells.
+            while len(cells) > 1 and not cells[-1]:
+                del cells[-1]
+            self.heads = [*map(read_head, cells)]
+            self.line = line
+            if is_head(self.heads):
+                return
+            if all(as_number(cell) is not None for cell in cells):
+                break
+        words = quote_word(text.lines[min(first, len(text.lines)) - 1])
+        raise text.error(f"{expected} was expected, got {words}", first)
 
-    @property
-    def names(self) -> list[str]:
-        """The names of the columns as they are printed."""
-        return [head.words for head in self.heads]
+    def error(self, reason: str) -> ValueError:
+        """Make an error about the heads."""
+        return self.text.error(reason, self.line)
 
     @cached_property
     def rows(self) -> list[Row]:
-        """The rows, without empty lines and comments; an error if one has too many cells."""
-        rows = [*split_lines(self.text, self._top, self.separator)]
+        """The rows, without comments and without rows of empty cells; all of the same width."""
         width = len(self.heads)
-        for line, comment in self.notes:
-            # A name may begin with #, as #12 of a catalogue.
-            is_row = width > 1 and len(split_line(comment, self.separator)) == width
-            if is_row and line > self.line and re.match(r"#\w", comment):
-                raise self.text.error(
-                    f"{quote_word(comment)} is a comment, but looks like a row: write '# ' if it"
-                    " is one, and quotes around a name that begins with #",
-                    line,
-                )
-        for row in rows:
-            # Spreadsheets end lines with separators of empty cells.
-            while width and len(row.cells) > width and not row.cells[-1]:
-                del row.cells[-1]
-            if width and len(row.cells) > width:
-                raise self.error_of_width(row)
-        # Tabs at the end of the file are taken for blanks, as they may be.
-        if rows and self.separator == "\t" and self.text.ends:
-            rows[-1].cells.extend([""] * (width - len(rows[-1].cells)))
+        rows = [row for row in self._split_rows() if any(row.cells)]
+        for line, cells in rows:
+            while len(cells) > width and not cells[-1]:
+                del cells[-1]
+            if len(cells) != width:
+                raise self.text.error(f"{width} cells were expected, got {len(cells)}", line)
         return rows
 
-    @cached_property
-    def decimal(self) -> str:
-        """The sign before decimals; an error if both occur, or if it may be of thousands."""
-        # Names may be numbers with points, as of catalogues, whatever stands before decimals.
-        words = ("name", "file", "group")
-        named = {k for k, head in enumerate(self.heads) if head.quantity in words}
-        cells = [
-            (cell, row.line)
-            for row in self.rows
-            for column, cell in enumerate(row.cells)
-            if column not in named
+    def _split_rows(self) -> Iterator[Row]:
+        """Split lines into rows; a line end within quotes belongs to its cell."""
+        lines = [
+            (number, words)
+            for number, words in enumerate(self.text.lines[self.line :], self.line + 1)
+            if not _is_comment(words)
         ]
-        commas = [pair for pair in cells if DECIMAL_COMMA.fullmatch(pair[0])]
-        points = [pair for pair in cells if _DECIMAL_POINT.fullmatch(pair[0])]
-        if commas and points:
-            raise self.text.error(
-                f"decimals must all stand behind points or all behind commas, got"
-                f" {commas[0][0]!r} in line {commas[0][1]} and {points[0][0]!r}",
-                points[0][1],
-            )
-        # Where semicolons separate cells, points separate thousands in many languages.
-        doubtful = points if self.separator == ";" and not commas else commas
-        if doubtful and all(_PERHAPS_THOUSANDS.fullmatch(cell) for cell, _ in doubtful):
-            cell, line = doubtful[0]
-            raise self.text.error(
-                f"{cell!r} may be a number with decimals, or one of thousands: write numbers"
-                " with decimal points and without separators of thousands, cells separated by"
-                " commas",
-                line,
-            )
-        return "," if commas else "."
+        reader = csv.reader(
+            (f"{words}\n" for _, words in lines),
+            delimiter=self.separator,
+            skipinitialspace=True,
+            strict=True,
+        )
+        try:
+            for cells in reader:
+                yield Row(lines[reader.line_num - 1][0], [" ".join(c.split()) for c in cells])
+        # A quote that does not end, or a cell of more than 131,072 characters.
+        except csv.Error as error:
+            line = lines[reader.line_num - 1][0]
+            raise self.text.error(f"the line cannot be split into cells: {error}", line) from error
 
-    def error_of_width(self, row: Row) -> ValueError:
-        """Make the error that a row has another number of cells than there are names."""
-        expected = f"{len(self.heads)} fields separated by {SEPARATORS[self.separator]}"
-        return self.text.error(f"{expected} were expected, got {len(row.cells)}", row.line)
-
-    def parse_number(self, row: Row, column: int) -> float | None:
+    def parse_number(self, cell: str) -> float | None:
         """Convert a cell to a number, NaN and infinity among them; None if it is none."""
-        cell = row.cells[column] if column < len(row.cells) else ""
-        # Behind semicolons a point may separate thousands, which `decimal` refuses.
-        if ("," in cell or self.separator == ";") and self.decimal == ",":
+        if self.separator != "," and "." not in cell:
             cell = cell.replace(",", ".", 1)
         return as_number(cell)
+
+    def require_one_decimal_sign(self, columns: Sequence[int]) -> None:
+        """Refuse columns in which decimals stand behind points as well as behind commas."""
+        cells = [(row.line, row.cells[k]) for row in self.rows for k in columns]
+        commas = [cell for cell in cells if "," in cell[1]]
+        points = [cell for cell in cells if "." in cell[1]]
+        if commas and points:
+            raise self.text.error(
+                "decimals must all stand behind points or all behind commas, got"
+                f" {commas[0][1]!r} in line {commas[0][0]} and {points[0][1]!r}",
+                points[0][0],
+            )
 
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
         """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
         values = self._read_quickly(columns)
         if values is None:
-            rows = show_progress(self.rows, f"reading {self.text.path.name}")
-            numbers = [self._require_number(row, column) for row in rows for column in columns]
-            values = np.array(numbers).reshape(-1, len(columns))
-            first = self.rows[0].line if self.rows else self._top + 1
-            for number, line in enumerate(self.text.lines[first - 1 :], first):
-                # A line that is missing would shift all samples that follow.
-                if not line.strip():
-                    raise self.error_of_width(Row(number, [""]))
-                if is_comment(line):
-                    raise self.text.error(
-                        f"samples were expected up to the end, got a comment, {quote_word(line)}",
-                        number,
-                    )
-        self.refuse_cut()
-        return values.T
-
-    def refuse_cut(self) -> None:
-        """Refuse a file that is cut within the last number of its last row."""
-        if self.text.ends or is_comment(self.text.lines[-1]):
-            return
-        top = max(self._top, len(self.text.lines) - _LAST_LINES)
-        rows = [*split_lines(self.text, top, self.separator)]
-        # Rows may be shorter than others: a number is compared with those above it.
-        end = len(rows[-1].cells) - 1 if rows else 0
-        words = [row.cells[end] for row in rows if len(row.cells) > end]
-        if self.separator != ",":
-            words = [word.replace(",", ".") for word in words]
-        require_whole_end(self.text, words)
+            rows = self.rows
+            last = rows[-1].line if rows else self.line
+            if last - self.line != len(rows):
+                raise self.text.error(
+                    "samples were expected in all lines up to the end: an empty line or a comment"
+                    " is between them",
+                    last,
+                )
+            values = np.array([[self._require_number(row, k) for k in columns] for row in rows])
+            self.require_one_decimal_sign(columns)
+        # How numbers are printed is seen in the last column, in which the file ends.
+        tail = [_split_line(line, self.separator)[-1] for line in self.text.lines[self.line :][-1000:]]
+        self.text.require_whole_end(tail)
+        return values.reshape(-1, len(columns)).T
 
     def _read_quickly(self, columns: Sequence[int]) -> np.ndarray | None:
         """Read columns of plain numbers; None if anything is unusual."""
-        lines = self.text.lines[self._top :]
-        # Behind semicolons a point may be of thousands. With quotes, or with fields missing in
-        # some lines, `loadtxt` would not always raise: it does for a missing last one that is
-        # wanted, and the sum shows that none is too many.
+        lines = self.text.lines[self.line :]
         between = len(self.heads) - 1
-        separator = self.separator
-        if separator in " ;" or not lines or '"' in self.text.content:
+        if any(line.count(self.separator) != between for line in lines):
             return None
-        if between in columns:
-            number = self.text.content.count(separator)
-            number -= sum(line.count(separator) for line in self.text.lines[: self._top])
-            if number != between * len(lines):
-                return None
-        elif any(line.count(separator) != between for line in lines):
+        if self.separator != "," and any("," in line for line in lines):
             return None
         try:
             rows = np.loadtxt(
-                lines, delimiter=separator, comments=None, usecols=columns, ndmin=2
+                lines, delimiter=self.separator, comments=None, usecols=columns, ndmin=2
             )
         except ValueError:
             return None
@@ -184,22 +179,20 @@ class Table:
         return rows if len(rows) == len(lines) and np.isfinite(rows).all() else None
 
     def _require_number(self, row: Row, column: int) -> float:
-        """Convert a cell of a row that has all of them to a finite number."""
-        if len(row.cells) != len(self.heads):
-            raise self.error_of_width(row)
-        number = self.parse_number(row, column)
-        if number is not None and math.isfinite(number):
-            return number
-        # What is no finite number with a decimal comma is none without it.
-        return self.text.parse_number(
-            row.cells[column], row.line, f"column {self.names[column]!r}"
-        )
+        """Convert a cell to a finite number; an error that names the column if it is none."""
+        number = self.parse_number(row.cells[column])
+        if number is None or not math.isfinite(number):
+            seen = f"column {self.heads[column].words!r} must have a finite number"
+            raise self.text.error(f"{seen}, got {quote_word(row.cells[column])}", row.line)
+        return number
 
 
-def read_table(source: Path | TextFile) -> Table:
-    """Read a table whose fields are separated by commas, semicolons, tabs, bars or blanks.
+def _is_comment(line: str) -> bool:
+    """Return whether a line begins with #."""
+    return line.lstrip().startswith("#")
 
-    Lines that begin with # are comments; the last one above numbers may have the names of the
-    columns, as NumPy writes it. Above the names other lines may stand, below them units.
-    """
-    return Table(source if isinstance(source, TextFile) else TextFile(source))
+
+def _split_line(line: str, separator: str) -> list[str]:
+    """Split a line into its cells, without blanks around them."""
+    cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [""])
+    return [cell.strip() for cell in cells]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...ground_motion import Record, Suite, read_record
 from ...host import Printed, show_progress
-from ...tables import (
+from ...oldtables import (
     UNITS_OF_ACCELERATION,
     Head,
     Row,

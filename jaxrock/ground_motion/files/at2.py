@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from ...tables import TextFile, find_contents, find_steps, quote_word
+from ...oldtables import TextFile, find_contents, find_steps, quote_word
 from .claims import Claims
 from .components import Component, Direction
 from .directions import find_name_direction, find_word_direction, settle_direction

@@ -6,7 +6,7 @@ https://github.com/SCECcode/bbp/wiki.
 
 import re
 
-from ...tables import TextFile, parse_unit, require_whole_end
+from ...oldtables import TextFile, parse_unit, require_whole_end
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import convert_words

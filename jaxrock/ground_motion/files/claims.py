@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from ...tables import UNITS_OF_ACCELERATION, NamedFile, Statement
+from ...oldtables import UNITS_OF_ACCELERATION, NamedFile, Statement
 from ...validation import POSITIVE, as_real, check
 from ..units import convert_unit, require_unit
 

@@ -7,7 +7,7 @@ https://www.strongmotioncenter.org/vdc/cosmos_format_1_20.pdf.
 
 import re
 
-from ...tables import TextFile
+from ...oldtables import TextFile
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import match_line, parse_format

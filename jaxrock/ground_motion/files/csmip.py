@@ -11,7 +11,7 @@ https://www.conservation.ca.gov/cgs/pages/program-smi/reports/other/osms85-03.as
 import re
 from typing import NamedTuple
 
-from ...tables import TextFile
+from ...oldtables import TextFile
 from ..units import convert_unit
 from .claims import Claims
 from .components import Component, Direction

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
-from ...tables import split_words
+from ...oldtables import split_words
 from .components import Direction
 
 # "vertical" is a word such as V or Z, which does not say whether up or down.

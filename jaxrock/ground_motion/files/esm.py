@@ -6,7 +6,7 @@ needed here. They are described at https://esm-db.eu/#/data_and_services (format
 
 import re
 
-from ...tables import TextFile, quote_word
+from ...oldtables import TextFile, quote_word
 from .claims import Claims
 from .components import Component, Direction
 from .headers import Header

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...tables import TextFile, quote_word
+from ...oldtables import TextFile, quote_word
 
 
 class Columns(NamedTuple):

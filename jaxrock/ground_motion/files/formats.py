@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from ...tables import TextFile, read_content
+from ...oldtables import TextFile, read_content
 from .at2 import read_peer
 from .bbp import find_bbp_names, read_bbp
 from .claims import Claims

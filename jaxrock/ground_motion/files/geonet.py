@@ -5,7 +5,7 @@ velocities and displacements, all in columns of one width. The format is describ
 https://www.geonet.org.nz/data/supplementary/strong_motion_file_formats.
 """
 
-from ...tables import TextFile
+from ...oldtables import TextFile
 from .claims import Claims
 from .components import Component
 from .fixed_columns import Columns, match_line, read_numbers

@@ -32,7 +32,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ...tables import (
+from ...oldtables import (
     NUMBER,
     Statement,
     TextFile,

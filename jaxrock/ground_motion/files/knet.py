@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...tables import TextFile, quote_names, require_whole_end
+from ...oldtables import TextFile, quote_names, require_whole_end
 from .claims import Claims
 from .components import Component
 from .fixed_columns import Numbers

@@ -9,7 +9,7 @@ import re
 import struct
 from typing import NamedTuple
 
-from ...tables import NamedFile
+from ...oldtables import NamedFile
 
 # Sequence number, quality and a blank.
 _START = re.compile(rb"[\d \0]{6}[DRQM][ \0]")

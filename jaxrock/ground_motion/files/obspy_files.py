@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...host import import_optional
-from ...tables import NamedFile
+from ...oldtables import NamedFile
 from .claims import UNIFORM, Claims
 from .components import Component, Direction
 from .directions import find_channel_direction

@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 
-from ...tables import NUMBER, TextFile, quote_word, read_fortran, require_whole_end
+from ...oldtables import NUMBER, TextFile, quote_word, read_fortran, require_whole_end
 from .claims import Claims
 from .components import Component
 

@@ -8,7 +8,7 @@ or by the caller, and may not contradict each other; signs are preserved. Any fa
 import os
 from pathlib import Path
 
-from ...tables import NamedFile, TextFile, quote_names
+from ...oldtables import NamedFile, TextFile, quote_names
 from ...validation import as_text, describe
 from ..record import Record
 from .claims import Claims, make_claims

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...tables import (
+from ...oldtables import (
     Statement,
     Table,
     TextFile,

@@ -6,7 +6,7 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 
 import re
 
-from ...tables import TextFile, quote_word
+from ...oldtables import TextFile, quote_word
 from .claims import Claims
 from .components import Component, Direction
 from .fixed_columns import Columns, get_line

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...host import show_progress
-from ...tables import NamedFile, TextFile, quote_names
+from ...oldtables import NamedFile, TextFile, quote_names
 from ..record import Record
 from ..suite import Suite
 from .at2 import find_peer_direction, read_peer
