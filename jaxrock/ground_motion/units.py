@@ -2,13 +2,14 @@
 
 import math
 
-from ..oldtables import UNITS_OF_ACCELERATION, parse_unit
+from ..tables import UNITS_OF_ACCELERATION, parse_unit
 from ..validation import as_text
 
 
 def convert_unit(words: str) -> float:
     """Convert a unit of acceleration to m/s2; NaN if it is not understood."""
-    return parse_unit(words).as_dimension("acceleration").factor
+    unit = parse_unit(words)
+    return unit.factor if unit.dimension == "acceleration" else math.nan
 
 
 def require_unit(unit: str) -> float:

@@ -164,6 +164,8 @@ class Table:
     def _read_quickly(self, columns: Sequence[int]) -> np.ndarray | None:
         """Read columns of plain numbers; None if anything is unusual."""
         lines = self.text.lines[self.line :]
+        if len(lines) < 2:
+            raise self.text.error("at least two rows of samples were expected", self.line)
         between = len(self.heads) - 1
         if any(line.count(self.separator) != between for line in lines):
             return None

@@ -4,73 +4,52 @@ PEER shows the layout at https://ngawest2.berkeley.edu. Older files, and those t
 write after them, order number of values and step in other ways.
 """
 
-import math
 import re
-from collections.abc import Iterable
-from pathlib import Path
 
-from ...oldtables import TextFile, find_contents, find_steps, quote_word
-from .claims import Claims
-from .components import Component, Direction
-from .directions import find_name_direction, find_word_direction, settle_direction
-from .headers import Header
+from ...tables import TextFile, parse_unit
+from .components import Caller, Component, Direction, NotAcceleration, make_component
+from .fields import read_free
 
-# At most; usually there are four.
-_HEADER_LINES = 20
-_TITLE_LINE = 2
-# "NPTS= 400, DT= .01 SEC", "DT= .01 NPTS= 400" and "400 .01 NPTS, DT". What follows the name
-# DT may be a unit; in the first two forms that belongs to the step.
-_POINTS_AND_STEP = (
-    r"\bNPTS\s*=\s*(?P<points>[^\s,]+)[\s,]+DT\s*=\s*(?P<step>\S.*)(?P<tail>)$",
-    r"\bDT\s*=\s*(?P<step>\S.*?)[\s,]+NPTS\s*=\s*(?P<points>[^\s,]+)(?P<tail>)",
-    r"^\s*(?P<points>[^\s,]+)[\s,]+(?P<step>[^\s,]+)[\s,]+NPTS[\s,]+DT\b(?P<tail>.*)$",
-)
+_HEADER_LINES = 20  # at most; usually there are four
+_POINTS = r"\bNPTS *= *(\d+)|^\s*(\d+)[\s,]+\S+[\s,]+NPTS"
+_STEP = r"\bDT *= *([\d.E-]+) *([A-Z]*)|^\s*\d+[\s,]+([\d.E-]+)"
+_CONTENTS = r"\b(ACC|VEL|DIS|SPECTR)\w*"
+_UNIT = r"\bUNITS OF ([^\s.,;]+)"
+# The last part of the file's name, perhaps with the code of a location behind.
+_VERTICAL = r"(?:-(?:UP|DWN|UD|V)|UP|DWN|UD|Z)(?:\.\d\d)?$"
 
 
-def read_peer(text: TextFile, claims: Claims, paths: Iterable[Path] = ()) -> list[Component]:
-    """Read the component in an .AT2 file, which may lie beside other files, the `paths`."""
-    direction = find_peer_direction(text, paths)
-    header = Header(text, claims)
-    top = _read_points_and_step(text, header)
-    lines = [*enumerate(text.lines[:top], 1)]
-    if contents := find_contents(lines):
-        raise text.error(f"acceleration was expected, not {contents[1]}", contents[0])
-    header.read_text(lines, "the header")
-    component, _ = header.read_component(top)
-    return [component._replace(direction=direction)]
-
-
-def find_peer_direction(text: TextFile, paths: Iterable[Path]) -> Direction:
-    """Find the direction by the file's name among others, and by the title, which must agree."""
-    name = find_name_direction(text.path, paths)
-    filled = [line for line in text.lines[:_HEADER_LINES] if line.strip()]
-    # The component ends the title, such as UP or 140; the station's number may stand behind it
-    # in brackets.
-    title = re.sub(r"\s*\([^()]*\)\s*$", "", "".join(filled[_TITLE_LINE - 1 : _TITLE_LINE]))
-    stated = find_word_direction(title.rpartition(",")[2].strip()) if "," in title else ""
-    direction = settle_direction(name, stated)
-    if direction is None:
-        raise text.error(f"the component is {name} by its name, but {stated} by its header")
-    return direction
-
-
-def _read_points_and_step(text: TextFile, header: Header) -> int:
-    """Add the number of values and the time step; return how many lines the header has."""
-    for number, line in enumerate(text.lines[:_HEADER_LINES], 1):
-        matches = (re.search(pattern, line.upper()) for pattern in _POINTS_AND_STEP)
-        match = next(filter(None, matches), None)
-        if match is None:
-            continue
-        header.add("points", number, match["points"])
-        # The number and perhaps its unit, such as "10 MSEC".
-        words = f"{match['step']} {match['tail']}".strip()
-        _, step = next(iter(find_steps(f"DT= {words}")), ("", math.nan))
-        if not 0 < step < math.inf:
-            raise text.error(f"DT must be a time above 0, got {quote_word(words)}", number)
-        stated = f"the header states DT= {step:.6g} s"
-        header.claims = header.claims.add_step(number, stated, step)
-        return number
-    raise text.error(
-        "an .AT2 file was expected, with 'NPTS= ..., DT= ...' or '... NPTS, DT' within its"
-        f" first {_HEADER_LINES} lines"
+def read_at2(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], int]:
+    """Read the component of a file."""
+    head = [line.upper() for line in text.lines[:_HEADER_LINES]]
+    at = next((k for k, line in enumerate(head) if re.search(_POINTS, line)), len(head) - 1)
+    points = re.search(_POINTS, head[at])
+    step = re.search(_STEP, head[at])
+    if points is None or step is None:
+        raise text.error("'NPTS= ..., DT= ...' or '... NPTS, DT' was expected in an .AT2 file")
+    # In the title any word may stand.
+    stated = "\n".join(head[2:at])
+    contents = re.search(_CONTENTS, stated)
+    if contents and contents[1] != "ACC":
+        raise NotAcceleration(str(text.error(f"its header states {contents[0].lower()}")))
+    unit = re.search(_UNIT, stated)
+    # "DT= .01 NPTS= 400" has no unit of the step.
+    seconds = parse_unit(step[2] if step[2] not in (None, "", "NPTS") else "s")
+    component = make_component(
+        text,
+        caller,
+        read_free(text, at + 1, int(points[1] or points[2])),
+        unit=unit[1] if unit else "",
+        step=float(step[1] or step[3]) * seconds.factor,
+        direction=_find_direction(text, head[min(1, at)]),
     )
+    return [component], len(text.lines)
+
+
+def _find_direction(text: TextFile, title: str) -> Direction:
+    """Find the direction that the end of the title states, or the last part of the file's name."""
+    end = re.search(_VERTICAL, text.path.stem)
+    word = title.rpartition(",")[2].partition("(")[0].strip()
+    if word in ("DOWN", "DWN") or (end and "DWN" in end[0]):
+        return "down"
+    return "up" if end or word in ("UP", "UD", "V", "Z", "VERT") else ""

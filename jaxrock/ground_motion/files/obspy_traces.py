@@ -1,16 +1,23 @@
-"""Traces of obspy and of gmprocess."""
+"""Traces of obspy and of gmprocess, and the files that obspy reads."""
 
+import io
 import math
-from collections.abc import Mapping, Sized
-from numbers import Real
+import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ...validation import POSITIVE, check
+from ...host import import_optional
+from ...tables import NamedFile
 from ..record import Record
 from ..units import convert_unit, require_unit
-from .components import Component, make_record
+from .components import Caller, Component, NotAcceleration, find_direction, make_record
+
+# Fraction of a step by which channels of one file may start apart.
+_TOGETHER = 0.01
+# SAC's codes of displacement, velocity and volts.
+_SAC_OTHERS = (6, 7, 50)
 
 
 def from_obspy(
@@ -61,10 +68,9 @@ def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None
     # By attributes, not by class: neither obspy nor gmprocess needs to be installed.
     stats: Any = getattr(trace, "stats", None)
     if not hasattr(trace, "data") or not hasattr(stats, "delta"):
-        hint = f" of {len(trace)}: take one out of it" if isinstance(trace, Sized) else ""
         raise ValueError(
             f"{argument} must be one trace, with data and stats.delta, got a"
-            f" {type(trace).__name__}{hint}"
+            f" {type(trace).__name__}"
         )
     # gmprocess states the unit; a caller who contradicts it would be off by a factor of 981.
     standard = getattr(stats, "standard", None)
@@ -74,33 +80,61 @@ def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None
         raise ValueError(f"unit is {unit!r}, but {argument} states {stated!r}")
     # obspy leaves the factor where it is when it applies it: a trace does not show if it has
     # been applied.
-    calibration = getattr(stats, "calib", 1.0)
-    if not isinstance(calibration, Real) or not 0 < abs(float(calibration)) < math.inf:
-        raise ValueError(
-            f"stats.calib of {argument} must be finite and not 0, got {calibration!r}"
-        )
+    calibration = float(getattr(stats, "calib", 1.0))
     if calibration != 1 and calibrated is None:
         raise ValueError(
             f"calibrated must be given: {argument} has a stats.calib of {calibration:g}, and"
             " does not state whether this factor is already in its data"
         )
     if not calibrated:
-        factor *= float(calibration)
+        factor *= calibration
     # Merged traces have gaps as masked samples, whose data are no measurements.
-    if gaps := np.ma.count_masked(trace.data):
-        raise ValueError(f"{argument} must have no gaps, got {gaps} masked samples")
     data = np.asarray(trace.data)
-    if data.ndim != 1 or data.dtype.kind not in "fiu":
+    if np.ma.is_masked(trace.data) or data.ndim != 1 or data.dtype.kind not in "fiu":
         raise ValueError(
-            f"{argument} must be a row of real numbers, got {data.dtype} of shape {data.shape}"
+            f"{argument} must be a row of real numbers without gaps, got {trace.data!r:.60}"
         )
-    finite = np.isfinite(data)
-    if not finite.all():
-        first = int(np.argmin(finite))
-        raise ValueError(f"{argument} must be finite, got {data[first]} as sample {first}")
-    if not isinstance(stats.delta, Real):
-        raise ValueError(
-            f"stats.delta of {argument} must be a real number, got {stats.delta!r}"
+    return Component(argument, factor * data.astype(float), float(stats.delta))
+
+
+def read_traces(file: NamedFile, content: bytes, caller: Caller) -> list[Component]:
+    """Read the content of a file by obspy, a component of each channel."""
+    if caller.unit is None:
+        raise file.error("obspy's files state no unit that can be relied on: give unit")
+    obspy: Any = import_optional("obspy", "records")
+    with warnings.catch_warnings():
+        # obspy warns of what it leaves out.
+        warnings.simplefilter("error", UserWarning)
+        # The content instead of the name, in which obspy would expand signs such as *. Its
+        # readers pass on whatever goes wrong in them.
+        try:
+            traces = [*obspy.read(io.BytesIO(content))]
+        except Exception as error:
+            reason = " ".join(str(error).split())[:200]
+            raise file.error(
+                f"obspy does not read it: {type(error).__name__} {reason}"
+            ) from error
+    channels = [trace.stats.channel for trace in traces]
+    ids = [trace.id for trace in traces]
+    components = []
+    for trace in traces:
+        if trace.data.dtype.kind != "f":
+            raise file.error(
+                "the samples are counts of an instrument: remove the response in obspy, and use"
+                " jaxrock.ground_motion.from_obspy"
+            )
+        if getattr(trace.stats, "sac", {}).get("idep") in _SAC_OTHERS:
+            raise NotAcceleration(str(file.error("its IDEP states another quantity")))
+        late = abs(trace.stats.starttime - traces[0].stats.starttime)
+        if ids.count(trace.id) > 1 or late > _TOGETHER * trace.stats.delta:
+            raise file.error(
+                f"{trace.id} is in pieces, or starts {late:g} s apart from {ids[0]}"
+            )
+        named = trace.stats.channel
+        channel = named if channels.count(named) == 1 else trace.id
+        component = take_component(
+            f"{str(file.path)!r} {channel}".rstrip(), trace, caller.unit, None
         )
-    check(f"stats.delta of {argument}", stats.delta, POSITIVE)
-    return Component(argument, factor, data.astype(float), float(stats.delta))
+        caller.choose_step(file, component.step)
+        components.append(component._replace(channel=channel, direction=find_direction(named)))
+    return components

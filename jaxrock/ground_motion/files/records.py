@@ -1,22 +1,104 @@
-"""Recorded ground motions from files, one at a time.
+"""Recorded ground motions from files, one at a time, and the formats of the files.
 
-Nothing is guessed, corrected or resampled: the unit and the time step are stated by the file
-or by the caller, and may not contradict each other; signs are preserved. Any fault is a
-`ValueError` of one sentence.
+Nothing is guessed, corrected or resampled: unit and time step are stated by a field of the file, by
+brackets in the head of a column, or by the caller, and may not contradict each other.
+
+A new network is a module beside this one that describes its header, and an entry in `FORMATS`.
 """
 
 import os
+import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
-from ...oldtables import NamedFile, TextFile, quote_names
-from ...validation import as_text, describe
+from ...tables import NamedFile, TextFile, quote_names
+from ...validation import as_text
 from ..record import Record
-from .claims import Claims, make_claims
-from .components import Component, make_record, require_upward
-from .formats import TABLE_SUFFIXES, read_components
-from .sample_tables import SampleTable
+from .at2 import read_at2
+from .components import Caller, Component, NotAcceleration, make_caller, make_record
+from .cosmos import COSMOS_TITLE, read_cosmos
+from .csmip import CSMIP_TITLE, read_csmip
+from .esm import ESM_TITLE, read_esm
+from .geonet import GEONET_TITLE, read_geonet
+from .knet import KNET_SUFFIXES, KNET_TITLE, read_knet
+from .obspy_traces import read_traces
+from .sample_tables import read_samples
+from .smc import SMC_TITLE, read_smc
 
 StrPath = str | os.PathLike[str]
+TABLE_SUFFIXES = (".csv", ".tsv")
+TRACE_SUFFIXES = (".mseed", ".miniseed", ".msd", ".sac")
+_MANY = 4096  # bytes, among which those of a binary file have zeros
+
+
+class Format(NamedTuple):
+    """A format of text files.
+
+    Its name, the ends of its files' names, a pattern of its first line, and a reader of what begins
+    at a line: it returns the accelerations there, and the index of the line after it.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    title: str
+    read: Callable[[TextFile, Caller, int], tuple[list[Component], int]]
+
+
+FORMATS = (
+    Format("ESM", (".asc",), ESM_TITLE, read_esm),
+    Format("COSMOS", (".v1c", ".v2c"), COSMOS_TITLE, read_cosmos),
+    Format("GeoNet", (".v1a", ".v2a"), GEONET_TITLE, read_geonet),
+    Format("CSMIP", (".v1", ".v2", ".raw"), CSMIP_TITLE, read_csmip),
+    Format("SMC", (".smc",), SMC_TITLE, read_smc),
+    Format("K-NET", KNET_SUFFIXES, KNET_TITLE, read_knet),
+    # Its files begin in any way.
+    Format("AT2", (".at2",), "", read_at2),
+)
+
+
+def list_suffixes() -> tuple[str, ...]:
+    """List the ends of names, in lower case, of the files in a folder that are read."""
+    known = (suffix for known in FORMATS for suffix in known.suffixes)
+    return (*TABLE_SUFFIXES, *TRACE_SUFFIXES, *known)
+
+
+def read_components(path: Path, caller: Caller, *named: str) -> list[Component]:
+    """Read all components of a file; `named` are the columns of a table that a caller names."""
+    if path.suffix.lower() in TABLE_SUFFIXES:
+        return read_samples(TextFile(path), caller, *named)
+    file = NamedFile(path)
+    content = file.read_content()
+    if path.suffix.lower() in TRACE_SUFFIXES or b"\0" in content[:_MANY]:
+        return read_traces(file, content, caller)
+    text = TextFile(path, content)
+    for known in FORMATS:
+        if re.match(known.title or "$", text.lines[0], re.I) or (
+            not known.title and path.suffix.lower() in known.suffixes
+        ):
+            break
+    else:
+        names = ", ".join([".csv", "miniSEED", "SAC", *(known.name for known in FORMATS)])
+        raise text.error(
+            f"a file of {names} was expected. Of numbers alone, delete the lines above them and"
+            " use jr.Record(np.loadtxt(path), time_step, unit=...); columns belong in a .csv file;"
+            " other formats may be read by obspy or gmprocess, for jr.ground_motion.from_obspy"
+        )
+    components: list[Component] = []
+    at = 0
+    while at < len(text.lines):
+        channels, at = known.read(text, caller, at)
+        components += channels
+    if not components:
+        raise NotAcceleration(str(text.error("the file holds no accelerations")))
+    names = [component.channel.lower() for component in components]
+    return [
+        # A number stands before an orientation that is there more than once.
+        component._replace(channel=f"{k}: {component.channel}")
+        if names.count(name) > 1
+        else component
+        for k, (name, component) in enumerate(zip(names, components, strict=True), 1)
+    ]
 
 
 def read_record(
@@ -29,26 +111,19 @@ def read_record(
 ) -> Record:
     """Read a recorded ground motion from a file.
 
-    An ``.AT2`` file of the PEER databases holds one component. A ``.csv`` or ``.tsv`` file
-    has columns below a line with their names, separated by commas, semicolons, tabs, bars or
-    blanks; titles and lines that begin with # may stand above the names, units below them. A
-    column of times is named ``time``, ``t``, ``time_s``, ``time [ms]`` or the like. Steps
-    must be equal within 0.1 %, or consistent with one step after rounding to the printed
-    digits. A single column needs no name.
+    Unit and time step come from a field of the format, from brackets in the head of a column, or
+    from `unit` and `time_step`; they must agree where they are stated twice. Nothing is read out
+    of comments, titles or names of files.
 
-    Files of networks are recognized by their first lines, not by their names: ESM and ITACA,
-    COSMOS, CSMIP and RENADIC, GeoNet (V1A, V2A), SMC, K-NET and KiK-net, SCEC's Broadband
-    Platform, numbers alone; and where obspy is installed (``pip install "jaxrock[records]"``)
-    miniSEED and SAC. The number of samples, the duration and the peak that such a file states
-    must agree with its samples. Velocities and displacements in it are ignored.
+    A ``.csv`` or ``.tsv`` file has columns below heads such as ``time [s],acceleration [g]``. The
+    acceleration is a column named ``acceleration``, ``acc`` or ``a``, alone or with an axis (x, y,
+    z; 1, 2, 3; h1, h2, v; ns, ew, ud; north, east, up; an azimuth), or an axis alone beside a unit
+    of acceleration, as in ``east [g]``. Times, ``time [s]`` or ``t [ms]``, have equal steps.
 
-    The unit and the time step are taken from the file where it states them: in its header, in
-    titles and comments such as
-    ``# time step 0.01 s``, in names of columns such as ``acc_g`` or ``acc
-    [cm/s^2]``. These statements must agree with each other and with `unit` and `time_step`,
-    which are needed where the file states nothing. A statement that is not understood is an
-    error, and so is a column of another quantity, such as ``LVDT1 [mm]`` or spectral
-    accelerations.
+    Files of networks are recognized by their first lines: ESM and ITACA, COSMOS, CSMIP, GeoNet
+    (V1A, V2A), SMC, K-NET and KiK-net, and ``.AT2`` of the PEER databases; and where obspy is
+    installed (``pip install "jaxrock[records]"``) miniSEED and SAC. The number of samples and the
+    peak that such a file states must agree with its samples.
 
     Parameters
     ----------
@@ -59,9 +134,8 @@ def read_record(
         ``"gal"``, ``"g"``, ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``,
         ``"cm/sec/sec"`` and so on; g is standard gravity, 9.80665 m/s2.
     column : str, optional
-        Column of a .csv file, or channel of another file, with the horizontal acceleration.
-        Needed unless it is the only one. ``"up"`` or ``"down"`` takes a vertical component as
-        if it were horizontal, for example to reverse its sign.
+        Column of a .csv file, with its unit as it is printed, or channel of another file, with
+        the horizontal acceleration. Needed unless it is the only one.
     vertical : str or path, optional
         Vertical acceleration, positive upward: a column of the .csv file, a channel of
         another file or ``"up"`` for the one that points there, or a second file. A component
@@ -72,7 +146,8 @@ def read_record(
     Returns
     -------
     Record
-        Accelerations of shape (samples,) [m/s2] and the time step [s], from time 0 on.
+        Accelerations of shape (samples,) [m/s2] and the time step [s], from time 0 on. A warning
+        says if the PGA is above 20 g.
 
     Raises
     ------
@@ -87,97 +162,54 @@ def read_record(
     >>> from importlib.resources import files
     >>> import jaxrock as jr
     >>> path = files("jaxrock") / "data" / "ridgecrest_2019_clc.csv"
-    >>> record = jr.read_record(str(path), unit="g", column="east_g", time_step=0.01)
+    >>> record = jr.read_record(str(path), column="east [g]")
     >>> print(f"{record.samples} samples, {record.time_step:.2f} s apart")
     6001 samples, 0.01 s apart
     """
     column = as_text(column)
     vertical = as_text(vertical)
-    if column is not None and not isinstance(column, str):
-        raise ValueError(f"column must be the name of a column, got {describe(column)}")
-    for name, value in (("path", path), ("vertical", "" if vertical is None else vertical)):
+    for name, value in (
+        ("path", path),
+        ("column", column or ""),
+        ("vertical", vertical or ""),
+    ):
         if not isinstance(value, str | os.PathLike):
             raise ValueError(f"{name} must name one file or one column, got {value!r:.60}")
     path = Path(path)
-    claims = make_claims(unit, time_step)
-    if path.suffix.lower() in TABLE_SUFFIXES:
-        upward = None if vertical is None else str(vertical)
-        return _read_table_record(TextFile(path), claims, column, upward)
+    caller = make_caller(unit, time_step)
     if path.is_dir():
         raise ValueError(f"{str(path)!r} is a folder, which read_suite takes: give one file")
-    beside = [path] if vertical is None else [path, Path(vertical)]
-    components = read_components(path, claims, beside)
-    horizontal = _choose_horizontal(path, components, column)
+    named = [str(name) for name in (column, vertical) if name not in (None, "up")]
+    is_apart = vertical is not None and Path(vertical).is_file()
+    components = read_components(path, caller, *named[: len(named) - is_apart])
+    horizontal = _choose(path, components, "column", column, ("level", ""))
     if vertical is None:
         return make_record(horizontal)
-    upward = _find_channel(components, str(vertical))
-    if upward is None:
-        if not Path(vertical).suffix and not Path(vertical).exists():
-            raise ValueError(
-                "vertical must be a component of the file, or another file, got"
-                f" {str(vertical)!r} for {str(path)!r}"
-            )
-        components = read_components(Path(vertical), claims._replace(steps=()), beside)
-        upward = _choose_vertical(Path(vertical), components)
-    return make_record(horizontal, require_upward(upward))
-
-
-def _read_table_record(
-    text: TextFile, claims: Claims, column: str | None, vertical: str | None
-) -> Record:
-    """Read a horizontal column of a table, and perhaps a vertical one."""
-    table = SampleTable(text)
-    upward = None if vertical is None else table.find_column("vertical", vertical)
-    if column is None:
-        level = table.choose_horizontal(upward)
-    else:
-        level = table.find_column("column", column)
-    if level == upward:
-        name = table.table.names[level]
-        raise text.error(f"column and vertical are the same, {name!r}", table.table.line)
-    columns = {level: "column"} | ({} if upward is None else {upward: "vertical"})
-    horizontal, *uprights = table.read_components(columns, claims)
-    return make_record(horizontal, *map(require_upward, uprights))
-
-
-def _find_channel(components: list[Component], name: str) -> Component | None:
-    """Find the component whose channel, or vertical direction, has a name; None if none has."""
-    word = name.lower()
-    named = [component for component in components if component.channel.lower() == word != ""]
-    if not named and word in ("up", "down"):
-        named = [component for component in components if component.direction == word]
-    return named[0] if len(named) == 1 else None
-
-
-def _choose_horizontal(
-    path: Path, components: list[Component], column: str | None
-) -> Component:
-    """Choose the component of a name, or the only horizontal one."""
-    file = NamedFile(path)
-    level = [component for component in components if component.direction in ("level", "")]
-    # A vertical one as well, if its name is given: it can be turned then.
-    allowed = level if level and column is None else components
-    names = quote_names(component.channel or component.direction for component in allowed)
-    if column is not None:
-        first = components[0]
-        if not first.channel and first.direction in ("", "level"):
-            raise ValueError(f"column is for .csv files, {str(path)!r} has only one")
-        if named := _find_channel(components, column):
-            return named
-        raise file.error(f"column is {column!r}, but there are {names}")
-    if not level:
-        raise file.error(f"no component is horizontal; column names a vertical one: {names}")
-    if len(level) > 1:
-        raise file.error(f"column must be given, the horizontal component: {names}")
-    return level[0]
-
-
-def _choose_vertical(path: Path, components: list[Component]) -> Component:
-    """Choose the vertical component of another file; a `ValueError` if that is not clear."""
-    upright = [component for component in components if component.direction in ("up", "down")]
+    if not is_apart:
+        others = [component for component in components if component is not horizontal]
+        return make_record(horizontal, _choose(path, others, "vertical", str(vertical), ()))
+    components = read_components(Path(vertical), caller)
     # A file of one component need not say where it points: the caller does.
-    if len(components) == 1 and not components[0].direction:
-        upright = components
-    if len(upright) != 1:
-        raise NamedFile(path).error(f"one vertical component was expected, got {len(upright)}")
-    return upright[0]
+    directions = ("up", "down", "") if len(components) == 1 else ("up", "down")
+    upward = _choose(Path(vertical), components, "vertical", None, directions)
+    return make_record(horizontal, upward)
+
+
+def _choose(
+    path: Path,
+    components: list[Component],
+    argument: str,
+    name: str | None,
+    directions: tuple[str, ...],
+) -> Component:
+    """Choose the component of a name, or the only one that points in some directions."""
+    word = "" if name is None else name.lower()
+    fitting = [c for c in components if c.direction in directions]
+    if word:
+        fitting = [c for c in components if word == c.channel.lower()]
+        fitting = fitting or [c for c in components if word == c.direction]
+    if len(fitting) == 1:
+        return fitting[0]
+    names = quote_names(c.channel or c.direction for c in components)
+    given = f"is {name!r}" if word else "must be given"
+    raise NamedFile(path).error(f"{argument} {given}, one of its components: {names}")

@@ -6,79 +6,62 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 
 import re
 
-from ...oldtables import TextFile, quote_word
-from .claims import Claims
-from .components import Component, Direction
-from .fixed_columns import Columns, get_line
-from .headers import Header
+from ...tables import TextFile
+from .components import (
+    Caller,
+    Component,
+    Direction,
+    NotAcceleration,
+    make_component,
+    require_peak,
+)
+from .fields import get_line, read_fixed
 
-# The first line says what the file holds.
-_ACCELERATION = r"\s*[12]\s+(?:un)?corrected accelerogram"
-_COMPONENT_LINE = 5
-_COMPONENT = r"(?:.*\bcomponent\s*=\s*(?P<channel>\S+))?"
-# Below 11 lines of text: index of the line, how many numbers, their columns, and what they
-# state, from index 0 on.
-_INTEGERS = 11
-_REALS = 17
-_BLOCKS = {
-    _INTEGERS: (48, Columns(8, 10), {12: "code", 15: "comments", 16: "points"}),
-    _REALS: (50, Columns(5, 15), {1: "rate", 29: "peak", 31: "peak"}),
-}
-_COMMENTS = 27
+SMC_TITLE = r"\s*\d +(?:unknown|(?:un)?corrected|velocity|displacement|response|fourier)"
+_COMPONENT = r"component *= *(\S+)"
+# Below 11 lines of text: where they stand among the integers and the reals.
+_INTEGERS, _TILT, _COMMENTS, _POINTS = 11, 12, 15, 16
+_REALS, _RATE, _PEAKS = 17, 1, [29, 31]
+_VALUES = 27
 # No number that is there is as large as that for missing ones.
-_NO_REAL = 1e30
-# Some programs write more digits.
-_VALUES = Columns(8, 10)
-_LONG_VALUES = Columns(5, 14)
-# Degrees from upward, and names of components that are no azimuths.
+_MISSING = 1e30
+# Degrees from upward.
 _TILTS: dict[int, Direction] = {0: "up", 90: "level", 180: "down"}
-_NAMES: dict[str, Direction] = {"u": "up", "d": "down", "ne|nw|se|sw": "level"}
-_SILENT: dict[str, Direction] = {".*": ""}
 
 
-def read_smc(text: TextFile, claims: Claims) -> list[Component]:
+def read_smc(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], int]:
     """Read the component of a file."""
-    kind = text.lines[0].strip()
-    if not re.match(_ACCELERATION, kind, re.I):
-        raise text.error(f"an accelerogram was expected, this is {quote_word(kind)}", 1)
-    header = Header(text, claims, _NAMES, _TILTS)
-    header.read_line(_COMPONENT_LINE, _COMPONENT, "a line with the component")
-    for at, (count, columns, names) in _BLOCKS.items():
-        # The first number stands for all that are missing: -32768 and 1.7e38.
-        word = get_line(text, at, "the headers")[: columns.width]
-        missing = text.parse_number(word, at + 1)
-        if not (missing < 0 if at == _INTEGERS else missing >= _NO_REAL):
-            kind = "integer" if at == _INTEGERS else "real"
-            raise text.error(f"the first {kind} must mark missing values", at + 1)
-        header.read_numbers(at, count, columns, names, missing)
-    if "rate" not in header.fields:
+    if not re.match(r"\s*[12] +(?:un)?corrected accel", text.lines[0], re.I):
+        raise NotAcceleration(str(text.error(f"it holds {text.lines[0].strip()!r}")))
+    channel = re.search(_COMPONENT, get_line(text, 5, "the component"), re.I)
+    integers, _ = read_fixed(text, _INTEGERS, 48, (8, 10))
+    reals, _ = read_fixed(text, _REALS, 50, (5, 15))
+    if reals[_RATE] > _MISSING:
         raise text.error(
-            "the header states no sampling rate, so that the values are pairs of time and"
-            " acceleration: take the corrected record, which has a uniform step",
-            _REALS + 1,
+            "pairs of time and acceleration have no uniform step: take volume 2", 18
         )
-    header.add_unit(1, "an SMC file is in cm/s2", "cm/s2")
-    top = _COMMENTS
-    while top < len(text.lines) and text.lines[top].startswith("|"):
-        top += 1
-    header.read_text(enumerate(text.lines[_COMMENTS:top], _COMMENTS + 1), "a comment")
-    stated = header.find("comments")
-    count = max(stated.value, 0) if stated else 0
-    if count != top - _COMMENTS:
-        raise text.error(
-            f"the header states {count:g} lines of comments, but {top - _COMMENTS} begin with |",
-            _INTEGERS + 2,
-        )
-    if len(header.fields.get("peak", [])) < 2:
-        # One alone may be the smaller of both.
-        header.fields.pop("peak", None)
-    if "code" in header.fields:
-        # Beside the degrees, a name that is not understood says nothing.
-        header.names = _NAMES | _SILENT
-    first = get_line(text, top, "the values")
-    columns = _LONG_VALUES if re.match(r"\s*-?\d\.\d{7}E", first, re.I) else _VALUES
-    component, end = header.read_component(top, columns)
+    top = _VALUES + max(int(integers[_COMMENTS]), 0)
+    is_comment = [line.startswith("|") for line in text.lines[_VALUES : top + 1]]
+    if not all(is_comment[:-1]) or is_comment[-1]:
+        raise text.error("the header states another number of comments", _INTEGERS + 2)
+    # Some programs write more digits.
+    is_long = re.match(r"\s*-?\d\.\d{7}E", get_line(text, top, "the values"), re.I)
+    layout = (5, 14) if is_long else (8, 10)
+    values, end = read_fixed(text, top, int(integers[_POINTS]), layout)
     if end < len(text.lines):
-        points = header.fields["points"][0].words
-        raise text.error(f"the header states {points} values, but more lines follow", end + 1)
-    return [component]
+        raise text.error(
+            f"the header states {values.size} values, but more lines follow", end + 1
+        )
+    component = make_component(
+        text,
+        caller,
+        values,
+        unit="cm/s2",
+        step=1 / float(reals[_RATE]),
+        channel=channel[1] if channel else "",
+        direction=_TILTS.get(int(integers[_TILT])),
+    )
+    # One peak alone may be the smaller of both.
+    peak = max(abs(reals[_PEAKS]))
+    require_peak(text, component.values, f"{peak:.6e}" if peak < _MISSING else "", "cm/s2")
+    return [component], end
