@@ -438,8 +438,8 @@ def test_fragility(tmp_path, capsys):
     """Of two records, on which a hazard curve makes a rate."""
     for name, amplitude in (("a", 0.2), ("b", 0.3)):
         samples = amplitude * np.sin(np.linspace(0, 2 * np.pi, 150))
-        text = "".join(f"{value:.6f}\n" for value in samples)
-        (tmp_path / f"{name}.csv").write_text(f"# time step 0.004 s\nacc_g\n{text}")
+        rows = "".join(f"{4 * k},{value:.6f}\n" for k, value in enumerate(samples))
+        (tmp_path / f"{name}.csv").write_text(f"time [ms],acc [g]\n{rows}")
     hazard = tmp_path / "hazard" / "curve.csv"
     hazard.parent.mkdir()
     hazard.write_text(
@@ -575,8 +575,8 @@ def test_critical_factors_of_a_record(capsys, tmp_path):
 
 @pytest.mark.thorough
 def test_a_record_that_never_lifts(capsys, tmp_path):
-    (tmp_path / "still.csv").write_text("# time step 0.01 s\nacc_g\n" + "0\n" * 50)
-    still = ("--record", tmp_path / "still.csv", "--width", 0.4)
+    (tmp_path / "still.csv").write_text("acc [g]\n" + "0\n" * 50)
+    still = ("--record", tmp_path / "still.csv", "--time-step", 0.01, "--width", 0.4)
     code, _, err = run(capsys, "critical", *still)
     assert code == 2
     assert err == (

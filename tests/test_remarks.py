@@ -29,7 +29,7 @@ SAID = "moves at 3 m/s at the end, and PGV is 3 m/s; without this drift it is 0.
 
 def write(folder, name, samples):
     path = folder / name
-    path.write_text("acc_g\n" + "\n".join(f"{a / G:.9f}" for a in samples), encoding="utf-8")
+    path.write_text("acc [g]\n" + "\n".join(f"{a / G:.9f}" for a in samples), encoding="utf-8")
     return path
 
 

@@ -378,7 +378,7 @@ def of_command(arguments):
         samples = np.asarray(record.acceleration)
         times = np.arange(samples.size) * float(record.time_step)
         rows = np.stack([times, samples], axis=1)
-        header = "time,acceleration"
+        header = "time [s],acceleration"
         np.savetxt(Path(home, "record.csv"), rows, delimiter=",", header=header, comments="")
         homes = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), home)
         return [run(["-m", "jaxrock", *arguments], **homes)[1] for _ in range(2)]

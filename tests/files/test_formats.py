@@ -110,6 +110,26 @@ def test_directions_of_at2(tmp_path, name, title, direction):
     assert (f"{name}.AT2" in suite.source) == bool(direction)
 
 
+# As the NGA databases and networks name the vertical components, and others beside them.
+VERTICAL = """RSN57_SFERN_ORRDWN RSN1244_CHICHI_CHY101-V NIGH11UD RSN4228_NIIGATA_NIGH11UD
+RSN8123_CCHURCH_RHSCUP CI.CLC.HNZ RSN8000_X_NZ.REHS.BHZ.00"""
+HORIZONTAL = """RSN57_SFERN_ORR021 RSN1244_CHICHI_CHY101-E NIGH11EW RSN4228_NIIGATA_NIGH11NS
+RSN8123_CCHURCH_RHSCN86W CI.CLC.HNE RSN8000_X_NZ.REHS.BHN.00 cloud setup record_v2"""
+
+
+def test_stations_by_the_names_of_their_files(tmp_path):
+    for k, name in enumerate(VERTICAL.split()):
+        write(tmp_path, f"{name}.AT2", make_at2((k + 1) * UPWARD))
+    for name in HORIZONTAL.split():
+        write(tmp_path, f"{name}.AT2", make_at2())
+    assert set(jr.read_suite(tmp_path).names) == set(HORIZONTAL.split())
+    for k, (level, upward) in enumerate(zip(HORIZONTAL.split(), VERTICAL.split(), strict=False)):
+        if "DWN" not in upward:
+            files = [tmp_path / f"{name}.AT2" for name in (level, *VERTICAL.split())]
+            (record,) = jr.read_suite(files, vertical=True)
+            np.testing.assert_allclose(record.vertical * 981 / 9.80665, (k + 1) * UPWARD, rtol=1e-6)
+
+
 def test_a_folder_of_peer(tmp_path):
     for name, values in {"CLS000": FIRST, "CLS090": SECOND, "CLS-UP": UPWARD}.items():
         write(tmp_path, f"RSN753_LOMAP_{name}.AT2", make_at2(values))
