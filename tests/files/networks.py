@@ -124,7 +124,7 @@ def make_geonet(values, channel):
         + columns(numbers[30:40], "%8d", 10)
         + columns(numbers[40:], "%8.3f", 10)
         + columns(values, "%8.1f", 10)
-        + columns(values / 100, "%8.2f", 10)
+        + columns(values / 10, "%8.2f", 10)
     )
 
 

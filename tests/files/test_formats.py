@@ -123,11 +123,15 @@ def test_stations_by_the_names_of_their_files(tmp_path):
     for name in HORIZONTAL.split():
         write(tmp_path, f"{name}.AT2", make_at2())
     assert set(jr.read_suite(tmp_path).names) == set(HORIZONTAL.split())
-    for k, (level, upward) in enumerate(zip(HORIZONTAL.split(), VERTICAL.split(), strict=False)):
+    for k, (level, upward) in enumerate(
+        zip(HORIZONTAL.split(), VERTICAL.split(), strict=False)
+    ):
         if "DWN" not in upward:
             files = [tmp_path / f"{name}.AT2" for name in (level, *VERTICAL.split())]
             (record,) = jr.read_suite(files, vertical=True)
-            np.testing.assert_allclose(record.vertical * 981 / 9.80665, (k + 1) * UPWARD, rtol=1e-6)
+            np.testing.assert_allclose(
+                record.vertical * 981 / 9.80665, (k + 1) * UPWARD, rtol=1e-6
+            )
 
 
 def test_a_folder_of_peer(tmp_path):
