@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ...tables import UNITS_OF_ACCELERATION, NamedFile
+from ...tables import UNITS_OF_ACCELERATION, NamedFile, as_number
 from ...validation import POSITIVE, as_real, check
 from ..drift import warn_of_drift
 from ..record import Record
@@ -27,7 +27,9 @@ _WORDS: dict[Direction, str] = {
     "down": "down dn dwn",
     "level": "north east south west n e s w ns ew h1 h2 1 2 x y l t r",
 }
-DIRECTIONS = {word: to for to, words in _WORDS.items() for word in words.split()}
+DIRECTIONS: dict[str, Direction] = {
+    word: to for to, words in _WORDS.items() for word in words.split()
+}
 _AZIMUTH = re.compile(r"h?\d{2,3}|[ns]\d{1,2}[ew]|0")
 # A channel of SEED ends in its direction; KiK-net adds the number of its sensor.
 _SEED = re.compile(r"[a-z][hlgn]([zne12xy])|(ns|ew|ud)[12]")
@@ -116,7 +118,8 @@ def require_peak(
         return
     mantissa, _, exponent = word.lower().partition("e")
     digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
-    stated = abs(float(word))
+    number = as_number(word)
+    stated = math.nan if number is None else abs(number)
     peak = float(abs(values).max(initial=0.0)) / convert_unit(unit)
     # Some programs cut a peak instead of rounding it.
     if not abs(peak - stated) <= 1.01 * digit + _SAME_PEAK * stated:

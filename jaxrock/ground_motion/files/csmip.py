@@ -38,7 +38,7 @@ def read_csmip(text: TextFile, caller: Caller, top: int) -> tuple[list[Component
         if quantity.lower() == "accel":
             step, per_second = find(text, at, _STEP, "a time step").groups()
             unit = find(text, at, _UNIT, "a unit")
-            peak = find(text, top + peak_line, _PEAK, "a peak").groups()
+            peak, peak_unit = find(text, top + peak_line, _PEAK, "a peak").groups()
             component = make_component(
                 text,
                 caller,
@@ -47,7 +47,7 @@ def read_csmip(text: TextFile, caller: Caller, top: int) -> tuple[list[Component
                 step=1 / float(step) if per_second else float(step),
                 channel=find(text, top + channel_line, _CHANNEL, "'Chan 1: 360 Deg'")[1],
             )
-            require_peak(text, component.values, *peak, top + peak_line + 1)
+            require_peak(text, component.values, peak, peak_unit, top + peak_line + 1)
             components.append(component)
         at = end
     return components, at + 1

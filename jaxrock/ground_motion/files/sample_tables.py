@@ -74,7 +74,10 @@ def read_axis(head: Head) -> tuple[str, Direction] | None:
     is_stated = (
         head.unit.dimension == "acceleration" if head.unit else kinds and words != ["a"]
     )
-    return ("".join(kinds), "".join(directions)) if is_known and is_stated else None
+    if not (is_known and is_stated):
+        return None
+    direction: Direction = directions[0] if directions else ""
+    return "".join(kinds), direction
 
 
 def find_step(text: TextFile, times: np.ndarray, line: int) -> float:
