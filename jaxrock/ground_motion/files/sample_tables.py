@@ -68,7 +68,7 @@ def read_axis(head: Head) -> tuple[str, Direction] | None:
     words = head.name.lower().replace("-", " ").split()
     kinds = [word for word in words if word in _WORDS]
     axes = [word for word in words if word not in kinds]
-    directions = [find_direction(word) for word in axes]
+    directions: list[Direction] = [find_direction(word) for word in axes]
     is_known = bool(words) and len(kinds) < 2 and len(axes) < 2 and all(directions)
     # An axis alone, such as n, says nothing without its unit, and neither does a.
     is_stated = (
@@ -76,8 +76,7 @@ def read_axis(head: Head) -> tuple[str, Direction] | None:
     )
     if not (is_known and is_stated):
         return None
-    direction: Direction = directions[0] if directions else ""
-    return "".join(kinds), direction
+    return "".join(kinds), directions[0] if directions else ""
 
 
 def find_step(text: TextFile, times: np.ndarray, line: int) -> float:
