@@ -12,7 +12,7 @@ from ...tables import TextFile
 from .components import Caller, Component, make_component, require_peak
 from .fields import find, get_line, read_fixed, read_format
 
-CSMIP_TITLE = r"\s*(?:un)?corrected accelerogram"
+CSMIP_TITLE = r"^\s*(?:un)?corrected accelerogram"
 # Of the first and of the second volume: lines above the values, the line with the channel, the
 # line with the peak, and how many numbers of which width a line has, where no format is stated.
 _VOLUMES = {True: (27, 6, 11, (8, 9)), False: (45, 7, 17, (8, 10))}
@@ -26,7 +26,7 @@ _UNIT = r" in (?:units of +)?([^\s(]+)|units: *([^\s)]+)"
 
 def read_csmip(text: TextFile, caller: Caller, top: int) -> tuple[list[Component], int]:
     """Read a channel, and the index of the line after it."""
-    title = find(text, top, f"^{CSMIP_TITLE}", "the title of a channel")[0]
+    title = find(text, top, CSMIP_TITLE, "the title of a channel")[0]
     length, channel_line, peak_line, layout = _VOLUMES["un" in title.lower()]
     at = top + length
     components = []

@@ -17,7 +17,7 @@ from .components import (
 )
 from .fields import get_line, read_fixed
 
-SMC_TITLE = r"\s*\d +(?:unknown|(?:un)?corrected|velocity|displacement|response|fourier)"
+SMC_TITLE = r"\s*\d +(?:un)?(?:known|corr|velo|disp|resp|four)"
 _COMPONENT = r"component *= *(\S+)"
 # Below 11 lines of text: where they stand among the integers and the reals.
 _INTEGERS, _TILT, _COMMENTS, _POINTS = 11, 12, 15, 16
