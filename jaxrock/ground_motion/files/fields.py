@@ -3,6 +3,7 @@
 import contextlib
 import math
 import re
+from collections.abc import Callable
 
 import numpy as np
 
@@ -55,35 +56,35 @@ def read_fixed(
             raise text.error(f"{expected} were expected, got {quote_word(line)}", k)
     block = "".join(lines)
     words = [block[k : k + width] for k in range(0, len(block), width)]
-    return convert_words(text, words, [at + 1 + k // number for k in range(count)]), end
+    return convert_words(text, words, lambda: [at + 1 + k // number for k in range(count)]), end
 
 
 def read_free(text: TextFile, at: int, count: int | None = None) -> np.ndarray:
     """Read all numbers between blanks from the line with index `at` on, `count` if it is stated."""
-    split = [line.split() for line in text.lines[at:]]
-    words = [word for line in split for word in line]
+    lines = text.lines[at:]
+    words = " ".join(lines).split()
     if count not in (None, len(words)):
         raise text.error(f"the header states {count} values, but {len(words)} follow")
-    text.require_whole_end(words)
+    if not text.ends:
+        raise text.error("no line end follows the last number: add one if the file is complete")
     return convert_words(
-        text, words, [k for k, line in enumerate(split, at + 1) for _ in line]
+        text, words, lambda: [k for k, line in enumerate(lines, at + 1) for _ in line.split()]
     )
 
 
-def convert_words(text: TextFile, words: list[str], lines: list[int]) -> np.ndarray:
-    """Convert words, each in its line, to finite numbers; an error names the line of a word."""
-    # Fortran may write D for the exponent; Python would also take 1_000.
-    plain = " ".join(words).lower().replace("d", "e").replace("_", "?").split()
+def convert_words(
+    text: TextFile, words: list[str], find_lines: Callable[[], list[int]]
+) -> np.ndarray:
+    """Convert words to finite numbers; an error names the line of a word that is none."""
+    # Python would also take 1_000.
     with contextlib.suppress(ValueError):
-        values = np.array(plain, dtype=float)
-        if len(plain) == len(words) and np.isfinite(values).all():
+        values = np.fromiter(map(float, words), float, len(words))
+        if np.isfinite(values).all() and "_" not in "".join(words):
             return values
-    # An empty word is one of a column of fixed width.
-    wrong = next((k for k, w in enumerate(plain) if not _is_finite(w)), len(words) - 1)
-    raise text.error(f"a number was expected, got {quote_word(words[wrong])}", lines[wrong])
-
-
-def _is_finite(word: str) -> bool:
-    """Return whether a word is a finite number."""
-    number = as_number(word)
-    return number is not None and math.isfinite(number)
+    # Fortran may write D for the exponent.
+    numbers = [as_number(word.lower().replace("d", "e")) for word in words]
+    for k, number in enumerate(numbers):
+        if number is None or not math.isfinite(number):
+            seen = quote_word(words[k])
+            raise text.error(f"a number was expected, got {seen}", find_lines()[k])
+    return np.array(numbers)
