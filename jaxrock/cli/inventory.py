@@ -256,10 +256,10 @@ def _label_entries(
     dims = variable.dims[1:]
     if not dims:
         return [((), "")]
-    along = assessed[dims[0]]
     unit = MEASURES[assessed.attrs["measure"]][1] if dims[0] == "level" else ""
-    words = [f"{x:.4g} {unit}" if unit else str(x) for x in along.values]
-    return [((k,), f" at {word}" if unit else f" to {word}") for k, word in enumerate(words)]
+    words = [f"{x:.4g} {unit}" if unit else str(x) for x in assessed[dims[0]].values]
+    before = {"level": " at ", "parameter": " to ", "column": ": "}[str(dims[0])]
+    return [((k,), f"{before}{word}") for k, word in enumerate(words)]
 
 
 def _write_table(assessed: "xarray.Dataset") -> str:
