@@ -17,7 +17,7 @@ from ..validation import POSITIVE
 
 # Both programs have these units, which no field of theirs states.
 CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
-_FIELD = re.compile(r"(kind|investigation_time|imt)='?([^',\"]*)")
+_FIELD = re.compile(r"(kind|investigation_time|imt)='?([^',;\"]*)")
 _PREFIX = "poe-"
 _ABOUT_SITES = ("name", "custom site id", "site id", "lon", "lat", "depth", "vs30")
 _NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
@@ -59,9 +59,8 @@ def read_site(
     fields = dict(_FIELD.findall(table.text.lines[0])) if is_openquake else {}
     measure = _choose(table, "measure", measure, fields.get("imt", "").lower())
     if measure not in CONVENTIONS:
-        raise table.text.error(
-            f"measure must be given, 'pga' or 'pgv', where the file states none, got {measure!r}"
-        )
+        got = repr(measure) if measure else "none"
+        raise table.text.error(f"measure must be given, as 'pga' or 'pgv', got {got}")
     statistic = _choose(table, "statistic", statistic, fields.get("kind", ""))
     if statistic == "std":
         raise table.text.error(
