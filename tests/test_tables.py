@@ -95,7 +95,6 @@ UNITS = [
     ("g, G", "acceleration", G),
     ("cm/s, cm s-1", "velocity", 0.01),
     ("ms, msec", "time", 0.001),
-    ("deg, \u00b0", "angle", math.pi / 180),
     ("1/yr, per year, 1/a", "rate", 1),
     ("yr, years, anni", "years", 1),
     ("%", "ratio", 0.01),
