@@ -18,7 +18,7 @@ IMPACTS = [
      [0, 60, 120], [0.5, np.nan]),
     ("Cabinet 3;;\nimpact time [ms];Peak (deg);n\n500;-4,5;1\n\n900,5;9,0;2\n;;\n",
      [0.5, 0.9005], [-4.5 * DEGREE]),
-    ("peak [deg]\tNo.\tt [s]\n\t1\t.5\n7\t2\t.9\n", [0.5, 0.9], None),
+    ("t [s]\tNo.\tpeak [deg]\n.5\t1\t\n.9\t2\t\n", [0.5, 0.9], None),
 ]  # fmt: skip
 
 

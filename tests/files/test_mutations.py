@@ -16,10 +16,8 @@ import test_esm
 import test_geonet
 import test_smc
 from references.mutations import read_mutations
-from test_hazard_files import LEVELS, NEWER, NSHMP, POINTS, SITES
 
 import jaxrock as jr
-from jaxrock.calibration import read_impact_times, read_tests
 
 pytestmark = pytest.mark.float64
 
@@ -323,207 +321,6 @@ def make_knet():
     )
 
 
-RETURN_PERIODS = (
-    "# a site\nreturn period [yr],PGA [g],PGV [cm/s]\n"
-    "10.50,0.0250,2.10\n100.00,0.0880,8.00\n475.00,0.1900,16.50\n2475.00,0.4100,40.10\n"
-)
-PERIODS = np.array([[0.025, 1 / 10.5], [0.088, 0.01], [0.19, 1 / 475], [0.41, 1 / 2475]])
-HAZARDS = {
-    "rates": "pgv [m/s],rate [1/yr]\n0.10,2.00e-02\n0.30,2.00e-03\n1.00,2.00e-03\n3.00,0\n",
-    "periods": RETURN_PERIODS,
-    "openquake": NEWER,
-    "sites": SITES,
-    "usgs": NSHMP,
-}
-RIGHT = {
-    "rates": np.array([[0.1, 2e-2], [0.3, 2e-3], [1, 2e-3], [3, 0]]),
-    "periods": PERIODS * [G, 1],
-    "openquake": POINTS,
-    "usgs": np.transpose([G * LEVELS, [2.8528077e-3, 2.8528077e-3, 1.5e-3, 1e-4, 0.0]]),
-}
-RIGHT["sites"] = RIGHT["openquake"]
-OPTIONS = {
-    "periods": {"measure": "pga"},
-    "sites": {"site": (-122.4, 37.75)},
-    "usgs": {"measure": "pga", "unit": "g"},
-}
-
-
-def make_hazard(layout, name="hazard.csv", statements=()):
-    right = RIGHT[layout]
-    options = OPTIONS.get(layout, {})
-
-    def same(hazard, *, level=1.0, rate=1.0):
-        # A table that lost whole lines is a shorter curve, of the same points.
-        points = np.transpose([hazard.levels, hazard.rates])
-        near = np.isclose(points[:, None], right * [level, rate], rtol=1e-9, atol=0)
-        shorter = layout in ("rates", "periods") or len(points) == len(right)
-        return shorter and near.all(axis=-1).any(axis=1).all()
-
-    content = HAZARDS[layout]
-    return Kind(name, content, lambda path: jr.read_hazard(path, **options), same, statements)
-
-
-def make_openquake(layout):
-    statements = (
-        ("imt='PGA'", "imt='PGV'", "level", GAL / G),
-        ("imt='PGA'", "imt='SA(0.1)'", "level", REFUSED),
-        ("kind='mean'", "kind='std'", "rate", REFUSED),
-        ("time=50.0", "time=1.0", "rate", 50),
-    )
-    return make_hazard(layout, "hazard_curve.csv", statements)
-
-
-def make_rates():
-    statements = (
-        ("pgv [m/s]", "pgv [cm/s]", "level", 0.01),
-        ("pgv [m/s]", "pgv [m/s2]", "level", REFUSED),
-        ("pgv [m/s]", "Sa [m/s2]", "level", REFUSED),
-        ("rate [1/yr]", "standard deviation of rate [1/yr]", "rate", REFUSED),
-        ("pgv [m/s]", "# standard deviations\npgv [m/s]", "rate", REFUSED),
-    )
-    return make_hazard("rates", statements=statements)
-
-
-def make_periods():
-    statements = (
-        ("PGA [g]", "PGA [cm/s2]", "level", GAL / G),
-        ("PGA [g]", "Sa [g]", "level", REFUSED),
-        ("period [yr]", "period [s]", "rate", REFUSED),
-        ("a site", "spectral accelerations", "level", REFUSED),
-    )
-    return make_hazard("periods", statements=statements[:3])
-
-
-def make_inventory():
-    content = (
-        "# a museum\nname,width [cm],height [m],restitution\n"
-        "vase,20.25,0.615,0.81\nbust of a man,30.50,0.925,0.82\nchest,61.00,1.250,0.83\n"
-    )
-    right = np.array([[0.2025, 0.615, 0.81], [0.305, 0.925, 0.82], [0.61, 1.25, 0.83]])
-
-    def same(inventory, *, width=1.0, height=1.0):
-        block = inventory.block
-        sizes = 2 * block.half_width, 2 * block.half_height, inventory.restitution
-        rows = np.transpose([np.broadcast_to(size, len(inventory.names)) for size in sizes])
-        near = np.isclose(rows[:, None], right * [width, height, 1], rtol=1e-9, atol=0)
-        # Of a single row nothing shows that its last number was cut.
-        numbers = 2 if len(rows) == 1 else 3
-        return len(rows) <= len(right) and near[..., :numbers].all(axis=-1).any(axis=1).all()
-
-    statements = (
-        ("width [cm]", "width [mm]", "width", 0.1),
-        ("width [cm]", "half width [cm]", "width", REFUSED),
-        ("width [cm]", "width [g]", "width", REFUSED),
-        ("height [m]", "weight [kg]", "height", REFUSED),
-        ("height [m]", "height [cm]", "height", 0.01),
-        ("0.83\n", "0.83\nTotal,111.75,2.790,0.82\n", "height", REFUSED),
-    )
-    return Kind("objects.csv", content, jr.risk.read_inventory, same, statements)
-
-
-DEGREE = np.pi / 180
-IMPACT_TIMES = np.array([0.5123, 1.4471, 2.2310, 2.9014, 3.4875])
-PEAKS = np.array([9.1234, 7.5012, 6.2345, 5.1876])  # [deg]
-COLUMNS = [[f"{t:.4f}" for t in IMPACT_TIMES], [f"{p:.4f}" for p in PEAKS] + [""]]
-MILLISECONDS = [f"{1000 * t:.1f}" for t in IMPACT_TIMES]
-IMPACTS = {
-    "times": ["time [s]", *COLUMNS[0]],
-    "without names": COLUMNS[0],
-    "peaks": ["time [s],peak rotation [deg]", *map(",".join, zip(*COLUMNS, strict=True))],
-    "counter": [
-        "# a test of a cabinet",
-        "impact,time [ms],velocity [m/s],peak rotation [deg],notes",
-        *(
-            f"{n},{t},{0.5 - 0.1 * n:.2f},{p},{'phone, moved'[:5]}"
-            for n, t, p in zip(range(5), MILLISECONDS, COLUMNS[1], strict=True)
-        ),
-    ],
-    "tabs": [
-        "No.\ttime [ms]\tpeak [deg]",
-        *map("\t".join, zip("12345", MILLISECONDS, COLUMNS[1], strict=True)),
-    ],
-    "semicolons": [
-        "sep=;",
-        "peak [deg];time [s]",
-        *map(";".join, zip(*COLUMNS[::-1], strict=True)),
-    ],
-}
-
-
-def make_impacts(layout):
-    content = "".join(line + "\n" for line in IMPACTS[layout])
-
-    def same(measurements, *, time=1.0, rotation=1.0):
-        # A table that lost a line has the same times and peaks, as it would of a missed impact.
-        times, peaks = measurements
-        right = time * IMPACT_TIMES
-        at = abs(times[:, None] - right).argmin(axis=1)
-        if not np.allclose(times, right[at], rtol=1e-12) or len(np.unique(at)) < len(at):
-            return False
-        if peaks is None:
-            return layout in ("times", "without names")
-        expected = rotation * np.append(PEAKS, np.nan)[at[:-1]] * DEGREE
-        return np.isclose(peaks, expected, rtol=1e-12, atol=0).all()
-
-    statements = (
-        ("time [s]", "time [ms]", "time", 1e-3),
-        ("time [ms]", "time [s]", "time", 1e3),
-        ("time [", "interval [", "time", REFUSED),
-        ("[deg]", "[mm]", "rotation", REFUSED),
-        ("[deg]", "[mrad]", "rotation", 1e-3 / DEGREE),
-        ("a test of a cabinet", "rotations in radians", "rotation", REFUSED),
-    )
-    statements = tuple(row for row in statements if row[0] in content)
-    return Kind("times.csv", content, read_impact_times, same, statements)
-
-
-TESTS = (
-    "# a shaking table\nfile,unit,time step [ms],overturned,peak rotation [deg],earthquake,scale\n"
-    "a.csv,gal,5.0,no,4.50,Kobe,1.250\na.csv,gal,5.0,yes,,Kobe,-2.500\n"
-    "a.csv,gal,5.0,no,7.25,Izmit,0.750\na.csv,gal,5.0,yes,,Izmit,3.125\n"
-)
-# Factor, peak [deg] and outcome.
-RIGHT_TESTS = np.array([[1.25, 4.5, 0], [-2.5, -1, 1], [0.75, 7.25, 0], [3.125, -1, 1]])
-
-
-def read_one_fault(path):
-    """Read a table of tests beside its motion; of several faults, the first."""
-    (path.parent / "a.csv").write_text("acc\n0.5\n1.0\n-2.5\n")
-    try:
-        return read_tests(path)
-    except ValueError as error:
-        raise ValueError(str(error).split("\n")[0]) from None
-
-
-def make_tests():
-    def same(tests, *, acceleration=1.0, time=1.0, rotation=1.0):
-        # A table that lost a line has fewer tests.
-        factors = [float(record.scale * record.acceleration[1]) for record in tests.suite]
-        steps = [float(record.time_step) for record in tests.suite]
-        peaks = np.full(len(factors), np.nan)
-        if tests.peak_rotations is not None:
-            peaks = np.asarray(tests.peak_rotations)
-        rows = np.transpose([factors, np.nan_to_num(peaks, nan=-1), tests.overturned])
-        right = RIGHT_TESTS * [acceleration * GAL, rotation * DEGREE, 1]
-        right[:, 1] = np.where(RIGHT_TESTS[:, 1] < 0, -1, right[:, 1])
-        near = np.isclose(rows[:, None], right, rtol=1e-9).all(axis=-1).any(axis=1)
-        return near.all() and np.allclose(steps, 0.005 * time, rtol=1e-9)
-
-    statements = (
-        (",gal,", ",g,", "acceleration", G / GAL),
-        (",gal,", ",cm,", "acceleration", REFUSED),
-        ("[ms]", "[s]", "time", 1e3),
-        ("time step", "time", "time", REFUSED),
-        ("[deg]", "[mrad]", "rotation", 1e-3 / DEGREE),
-        ("peak", "mean", "rotation", REFUSED),
-        ("scale", "weight", "acceleration", REFUSED),
-        (",yes,", ",perhaps,", "acceleration", REFUSED),
-        ("Izmit,0.750", ",0.750", "acceleration", REFUSED),
-    )
-    return Kind("tests.csv", TESTS, read_one_fault, same, statements)
-
-
 KINDS = {
     "AT2": make_at2,
     "plain numbers": make_plain,
@@ -535,20 +332,10 @@ KINDS = {
     "GeoNet": make_geonet,
     "SMC": make_smc,
     "K-NET": make_knet,
-    "hazard by rates": make_rates,
-    "hazard by return periods": make_periods,
-    "OpenQuake": partial(make_openquake, "openquake"),
-    "OpenQuake, two sites": partial(make_openquake, "sites"),
-    "nshmp-haz": partial(make_hazard, "usgs"),
-    "inventory": make_inventory,
-    "tests": make_tests,
 }
 KINDS |= {f"table, {layout}": partial(make_table, layout) for layout in TABLES}
-KINDS |= {f"impacts, {layout}": partial(make_impacts, layout) for layout in IMPACTS}
 
 
-# A size in another unit is as small as no object is, which is said and not refused.
-@pytest.mark.filterwarnings("ignore:.*if another unit was meant")
 @pytest.mark.parametrize("number", [60, pytest.param(300, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_mutations(tmp_path, kind, number):
