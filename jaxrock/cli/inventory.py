@@ -58,7 +58,8 @@ def inventory(  # noqa: PLR0913
 
     The file has a line with the names of its columns, and below it a line for each object.
     Columns are name, width [m], height [m], and optionally depth [m], inertia ratio,
-    restitution and restitution coefficient of variation, with lengths also in cm or mm.
+    restitution and restitution coefficient of variation, with lengths also in cm or mm; other
+    columns are copied into inventory.csv.
     Objects against a wall have yes in a column one-sided. Objects on upper floors have a
     floor period [s] and optionally a floor damping. Give the hazard of the ground by --hazard.
     For each object the command gives the uplift intensity, the probability and the rate of
