@@ -133,10 +133,12 @@ class Inventory(Printed, eqx.Module):
             # objects are on a floor is known to a site.
             uncertain.draw(objects.block, objects.restitution, on_floor=True)
         remarks = [""] * objects.number if remarks is None else remarks
-        if len(remarks) != objects.number:
-            raise ValueError(
-                f"remarks must be one for each of {objects.number} objects, got {len(remarks)}"
-            )
+        others = others or {}
+        for name, words in {"remarks": remarks, **others}.items():
+            if len(words) != objects.number:
+                raise ValueError(
+                    f"{name} must be one for each of {objects.number} objects, got {len(words)}"
+                )
         self.names = objects.names
         self.block = jax.device_put(objects.block)
         self.restitution = jnp.asarray(objects.restitution)
@@ -148,7 +150,7 @@ class Inventory(Printed, eqx.Module):
         assumed = _read_flags("restitution_assumed", restitution_assumed)
         assumed = _give_each("restitution_assumed", assumed, objects.number)
         self.restitution_assumed = tuple(assumed.tolist())
-        self.others = tuple((name, tuple(words)) for name, words in (others or {}).items())
+        self.others = tuple((name, tuple(words)) for name, words in others.items())
 
     def __len__(self) -> int:
         return len(self.names)
