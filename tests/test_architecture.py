@@ -75,7 +75,7 @@ CODE_LINES = {
     "accuracy": 644,
     "grids": 789,
     "spectra": 812,
-    "risk": 3005,
+    "risk": 3006,
     "plot": 1691,
     "reports": 992,
     "cli": 2886,

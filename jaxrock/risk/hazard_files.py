@@ -34,7 +34,7 @@ _FREQUENCIES = {
     "return period": Column("years", POSITIVE, required=True),
     "probability": Column("ratio", UNIT_INTERVAL, required=True),
 }
-_PROBABILITY = re.compile(r"(probability|poe)( of exceedance)? in ([\d.]+) (years?|yr|a|anni)")
+_PROBABILITY = re.compile(r"(probability|poe)( of exceedance)? in ([\d.]+) (\w+)")
 _EXPECTED = (
     "a line with columns such as 'pga [g]' or 'pgv [m/s]', and 'rate [1/yr]', 'return period"
     " [yr]' or 'probability in 50 years [%]',"
@@ -145,7 +145,8 @@ def _has_levels(heads: Sequence[Head]) -> bool:
 
 def _find_frequency(name: str) -> tuple[str, float] | None:
     """Find what a column has that states how often levels are exceeded, and in how many years."""
-    if match := _PROBABILITY.fullmatch(name):
+    match = _PROBABILITY.fullmatch(name)
+    if match and parse_unit(match[4]).dimension == "years":
         years = as_number(match[3])
         return ("probability", years) if years else None
     kind = "return period" if name == "tr" else name
