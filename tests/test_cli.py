@@ -159,8 +159,9 @@ def write_inputs(folder):
         "# investigation_time=50.0, imt=PGA\nlon,lat,poe-0.1,poe-0.3\n10.5,45,0.5,0.1\n"
         "11.5,46,0.4,0.05\n"
     )
-    (folder / "short.csv").write_text("0\n0.964\n")
-    (folder / "times.csv").write_text("0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n")
+    (folder / "short.csv").write_text("time [s]\n0\n0.964\n")
+    times = "time [s]\n0\n0.964\n1.636\n2.173\n2.623\n3.007\n3.34\n"
+    (folder / "times.csv").write_text(times)
 
 
 @pytest.mark.parametrize("part", first_by_default(range(4)))

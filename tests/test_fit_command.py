@@ -37,9 +37,8 @@ def decay(count, launch=0.9, restitution=0.9, change=0.0, noise=1e-4):
 
 def written(path, times, peaks=None):
     columns = [times] if peaks is None else [times, np.append(peaks, np.nan)]
-    np.savetxt(
-        path, np.transpose(columns), "%.8f", ",", header="time [s],peak [rad]", comments=""
-    )
+    header = ",".join(["time [s]", "peak [rad]"][: len(columns)])
+    np.savetxt(path, np.transpose(columns), "%.8f", ",", header=header, comments="")
     return path
 
 

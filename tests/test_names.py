@@ -46,7 +46,7 @@ def site(text=str):
 
 
 SAMPLES = "time [s],a,b\n0,0,0\n0.1,1,2\n0.2,-1,1\n0.3,0,0\n"
-CURVE = "PGA,annual rate\n0.1,1e-2\n1,1e-4\n"
+CURVE = "PGA,rate [1/yr]\n0.1,1e-2\n1,1e-4\n"
 # Those that are asked with arrays without axes as well.
 OF_ANY_STRING = {
     "model": lambda text: jr.critical_intensity(BLOCK, 0.8, model=text("nonlinear")),
@@ -54,7 +54,7 @@ OF_ANY_STRING = {
         jr.read_record, SAMPLES, unit=text("g"), column=text("a"), vertical=text("b")
     ),
     "hazard file": lambda text: read(
-        jr.read_hazard, CURVE, unit=text("g"), measure=text("pga")
+        jr.read_hazard, CURVE, unit=text("g"), measure=text("pga"), statistic=text("max")
     ),
     "statistic": lambda text: jr.Hazard([0.4, 4.0], [1e-2, 1e-4], statistic=text("mean")),
     "names and remarks": lambda text: Inventory(

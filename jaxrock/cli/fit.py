@@ -42,9 +42,10 @@ def fit(  # noqa: PLR0913
     """Fit restitution, and if need be frequency parameter p, to impact times of a block.
 
     In a test the block is tilted and let go; a microphone or an accelerometer beside it hears
-    the impacts. The file has a line for each impact: its time [s] and, optionally after a
-    comma, the largest rotation before the next impact [rad]. Without a width the block is
-    unknown, and p is fitted too. Writes fit.csv, with a line for each time, and fit.png.
+    the impacts. The file has a line for each impact below the names of its columns: time [s],
+    or [ms], and optionally peak rotation [rad], or [deg], the largest one before the next
+    impact. Without a width the block is unknown, and p is fitted too. Writes fit.csv, with a
+    line for each time, and fit.png.
 
     Example: jaxrock fit times.csv
 

@@ -58,7 +58,8 @@ def inventory(  # noqa: PLR0913
 
     The file has a line with the names of its columns, and below it a line for each object.
     Columns are name, width [m], height [m], and optionally depth [m], inertia ratio,
-    restitution and restitution coefficient of variation, with lengths also in cm or mm.
+    restitution and restitution coefficient of variation, with lengths also in cm or mm; other
+    columns are copied into inventory.csv.
     Objects against a wall have yes in a column one-sided. Objects on upper floors have a
     floor period [s] and optionally a floor damping. Give the hazard of the ground by --hazard.
     For each object the command gives the uplift intensity, the probability and the rate of
@@ -256,10 +257,10 @@ def _label_entries(
     dims = variable.dims[1:]
     if not dims:
         return [((), "")]
-    along = assessed[dims[0]]
     unit = MEASURES[assessed.attrs["measure"]][1] if dims[0] == "level" else ""
-    words = [f"{x:.4g} {unit}" if unit else str(x) for x in along.values]
-    return [((k,), f" at {word}" if unit else f" to {word}") for k, word in enumerate(words)]
+    words = [f"{x:.4g} {unit}" if unit else str(x) for x in assessed[dims[0]].values]
+    before = {"level": " at ", "parameter": " to ", "column": ": "}[str(dims[0])]
+    return [((k,), f"{before}{word}") for k, word in enumerate(words)]
 
 
 def _write_table(assessed: "xarray.Dataset") -> str:

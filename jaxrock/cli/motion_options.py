@@ -182,7 +182,7 @@ class SuiteOptions:
     """Damping ratio of that floor [-]. 0.05 if not given."""
     hazard: Path | None = None
     """A .csv file with levels and rates per year, or a hazard curve of OpenQuake or
-    nshmp-haz."""
+    nshmp-haz; of the latter, a curve of --measure."""
     hazard_unit: str | None = None
     """Unit of the levels of the hazard, if the file states none: m/s, cm/s, m/s2, g ..."""
     hazard_site: tuple[float, ...] | None = None

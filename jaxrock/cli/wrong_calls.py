@@ -118,9 +118,9 @@ def suggest_number(word: str, unit: str = "") -> str:
             return f"; write the fraction: {float(word.rstrip('% ')) / 100:g}"
     if match := re.fullmatch(r"([-+]?[\d.]+)\s*([a-z]\S*)", word, re.I):
         meant = parse_unit(unit)
-        given = parse_unit(match[2]).as_dimension(meant.dimension)
+        given = parse_unit(match[2])
         with contextlib.suppress(ValueError):
-            if unit and given.dimension:
+            if given.dimension and given.dimension == meant.dimension:
                 return f"; type {float(match[1]) * given.factor / meant.factor:.6g}"
     return ""
 

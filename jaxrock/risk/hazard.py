@@ -1,6 +1,6 @@
 """Seismic hazard: the rates per year at which levels of shaking are exceeded."""
 
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -25,13 +25,6 @@ from ..validation import (
 
 # Measures that a hazard curve can have. Ratios to a block's threshold are none of them.
 HAZARD_MEASURES = ("pgv", "pga")
-
-
-class Fault(NamedTuple):
-    """The number of a point that a hazard curve cannot have after those before it, and why."""
-
-    point: int
-    reason: str
 
 
 def as_hazard_measure(measure: object) -> str | None:
@@ -108,9 +101,7 @@ class Hazard(Printed, Checked):
                 f"rates must have as many values as levels, {shape[0]}, got shape {of_rates}"
             )
         self.check()
-        fault = find_fault(self.levels, self.rates)
-        if fault is not None:
-            raise ValueError(fault.reason)
+        _check_order(self.levels, self.rates)
         if not is_traced(self.rates):
             of_rates = np.asarray(self.rates)
             second = of_rates[1]
@@ -170,22 +161,21 @@ def compute_return_periods(hazard: Hazard, levels: np.ndarray) -> np.ndarray:
     return np.where(inside, periods, np.nan)
 
 
-def find_fault(levels: Reals | np.ndarray, rates: Reals | np.ndarray) -> Fault | None:
-    """Find the first level that does not increase, or else the first rate that rises.
+def _check_order(levels: Reals, rates: Reals) -> None:
+    """Raise a `ValueError` if levels do not increase, or rates rise.
 
     Steps of traced curves cannot be looked at: these are taken as they are.
     """
     if not is_traced(levels):
-        values = np.asarray(levels)
-        for k in np.flatnonzero(values[1:] <= values[:-1]):
-            step = f"got {values[k + 1]:.6g} after {values[k]:.6g}"
-            return Fault(int(k) + 1, f"levels must increase, {step}")
+        _refuse_steps("levels must increase", np.asarray(levels), np.less_equal)
     if not is_traced(rates):
-        values = np.asarray(rates)
-        for k in np.flatnonzero(values[1:] > values[:-1]):
-            step = f"got {values[k + 1]:.6g} after {values[k]:.6g}"
-            return Fault(int(k) + 1, f"rates must not rise with the level, {step}")
-    return None
+        _refuse_steps("rates must not rise with the level", np.asarray(rates), np.greater)
+
+
+def _refuse_steps(rule: str, values: np.ndarray, breaks: np.ufunc) -> None:
+    """Raise a `ValueError` that names the first value that breaks a rule after the one before."""
+    for k in np.flatnonzero(breaks(values[1:], values[:-1])):
+        raise ValueError(f"{rule}, got {values[k + 1]:.6g} after {values[k]:.6g}")
 
 
 @jax.jit

@@ -1,6 +1,6 @@
 """Objects to be protected: their names, sizes and impacts, and where they stand."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -55,6 +55,8 @@ class Inventory(Printed, eqx.Module):
     restitution_assumed : bool or sequence of bool
         Whether the restitution was not given and follows from size; then rates are computed
         for a lower one as well. One, or one for each object.
+    others : mapping of str to sequence of str, optional
+        What else is known of each object, in words, such as its inventory number.
 
     Attributes
     ----------
@@ -63,6 +65,8 @@ class Inventory(Printed, eqx.Module):
     one_sided, restitution_assumed : tuple of bool
         One for each object.
     floor_period, floor_damping : Array, shape (objects,)
+    others : tuple of (str, tuple of str)
+        A name, and a word for each object.
 
     Raises
     ------
@@ -92,6 +96,7 @@ class Inventory(Printed, eqx.Module):
     floor_period: Reals
     floor_damping: Reals
     restitution_assumed: tuple[bool, ...] = eqx.field(static=True)
+    others: tuple[tuple[str, tuple[str, ...]], ...] = eqx.field(static=True)
 
     def __init__(  # noqa: PLR0913
         self,
@@ -105,6 +110,7 @@ class Inventory(Printed, eqx.Module):
         floor_period: Numbers = 0.0,
         floor_damping: Numbers | None = None,
         restitution_assumed: bool | Sequence[bool] = False,
+        others: Mapping[str, Sequence[str]] | None = None,
     ):
         check_kind("block", block, Block)
         kinds = _read_flags("one_sided", block.one_sided if one_sided is None else one_sided)
@@ -127,10 +133,12 @@ class Inventory(Printed, eqx.Module):
             # objects are on a floor is known to a site.
             uncertain.draw(objects.block, objects.restitution, on_floor=True)
         remarks = [""] * objects.number if remarks is None else remarks
-        if len(remarks) != objects.number:
-            raise ValueError(
-                f"remarks must be one for each of {objects.number} objects, got {len(remarks)}"
-            )
+        others = others or {}
+        for name, words in {"remarks": remarks, **others}.items():
+            if len(words) != objects.number:
+                raise ValueError(
+                    f"{name} must be one for each of {objects.number} objects, got {len(words)}"
+                )
         self.names = objects.names
         self.block = jax.device_put(objects.block)
         self.restitution = jnp.asarray(objects.restitution)
@@ -142,6 +150,7 @@ class Inventory(Printed, eqx.Module):
         assumed = _read_flags("restitution_assumed", restitution_assumed)
         assumed = _give_each("restitution_assumed", assumed, objects.number)
         self.restitution_assumed = tuple(assumed.tolist())
+        self.others = tuple((name, tuple(words)) for name, words in others.items())
 
     def __len__(self) -> int:
         return len(self.names)

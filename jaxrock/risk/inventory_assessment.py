@@ -85,7 +85,8 @@ def assess_inventory(
         exceptional. If some objects are one-sided, ``one_sided``; if some are on floors,
         ``floor_period`` (0 on the ground floor) and ``floor_damping``; if some restitutions
         are assumed, the lower end of their range, ``low_restitution``, and
-        ``rate_at_low_restitution``.
+        ``rate_at_low_restitution``. Over object and ``column`` there is a ``note``, if the
+        inventory has others.
 
         Over object and ``level``, with its ``return_period``, the ``probability`` of
         overturning, with its Clopper-Pearson interval ``probability_low`` to

@@ -58,6 +58,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "need": ("change of width that the target needs, in words", ""),
     "most_important": ("parameter with the largest elasticity", ""),
     "remark": ("remark on the object", ""),
+    "note": ("what else its table says of the object", "", "column"),
 }
 
 
@@ -73,6 +74,8 @@ def make_inventory_dataset(
     assert isinstance(site.hazard, Hazard)
     order = np.argsort(-answers["rate"], kind="stable")
     measure_in_words, unit, _ = MEASURES[site.measure]
+    if inventory.others:
+        answers = answers | {"note": np.array([words for _, words in inventory.others]).T}
     variables = {}
     for name, values in answers.items():
         long_name, units, *along = _WORDS[name]
@@ -124,6 +127,8 @@ def make_inventory_dataset(
             "parameter",
         ),
     }
+    if inventory.others:
+        names["column"] = ([name for name, _ in inventory.others], "column of the table")
     dataset = add_names(dataset, **names)
     needs = [describe_need(dataset.isel(object=k)) for k in range(len(inventory))]
     long_name, _ = _WORDS["need"]

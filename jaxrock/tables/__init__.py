@@ -2,6 +2,7 @@
 
 from .schema import Column as Column
 from .schema import Contents as Contents
+from .schema import read_columns as read_columns
 from .schema import read_table as read_table
 from .table import Head as Head
 from .table import Row as Row

@@ -1,12 +1,13 @@
 """Schemas: which columns a table has, what their units measure, and what their cells may be."""
 
+import math
 import os
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..validation import Domain
+from ..validation import FINITE, Domain
 from .table import Head, Row, Table
 from .text import TextFile, quote_word
 
@@ -14,9 +15,20 @@ _FLAGS = {
     **dict.fromkeys(("yes", "true", "1", "x", "overturned"), True),
     **dict.fromkeys(("no", "false", "0", "stood", ""), False),
 }
-# An example of each dimension, for messages.
-_EXAMPLES = {"length": " [m]", "time": " [s]", "angle": " [rad]", "acceleration": " [m/s2]"}
+# What stands for a cell that is empty; NaN for numbers.
+_BLANKS = {"text": "", "flag": False}
+# An example of each dimension that has to be stated, for messages.
+_EXAMPLES = {
+    "length": "m",
+    "time": "s",
+    "angle": "rad",
+    "acceleration": "m/s2",
+    "velocity": "m/s",
+    "rate": "1/yr",
+    "years": "yr",
+}
 _MAX_FAULTS = 20  # that one error names
+_SHORTEST = 4  # letters of a name of which another word may be a misspelling
 
 
 class Column(NamedTuple):
@@ -26,8 +38,8 @@ class Column(NamedTuple):
     ----------
     dimension : str
         What its unit measures, as in `Unit`; "text" or "flag" for words.
-    domain : Domain, optional
-        What numbers may be, in SI; an empty cell is NaN.
+    domain : Domain
+        What numbers may be, in SI. Where they are not required, they may be missing.
     required : bool
         Whether there must be such a column, with something in each row.
     synonyms : tuple of str
@@ -35,25 +47,25 @@ class Column(NamedTuple):
     """
 
     dimension: str = "text"
-    domain: Domain | None = None
+    domain: Domain = FINITE
     required: bool = False
     synonyms: tuple[str, ...] = ()
 
 
 class Contents(NamedTuple):
-    """What a table holds: values of its columns by name, and the line of each row.
+    """What a table holds: the values of all known columns by name, and unknown columns as words.
 
-    Numbers are arrays in SI, flags and words lists. `others` are unknown columns, as words.
+    Numbers are in SI. A cell or a column that is missing has NaN, False or an empty word.
     """
 
     table: Table
     values: dict[str, np.ndarray]
-    lines: list[int]
     others: dict[str, list[str]]
 
-    def error(self, reason: str, row: int) -> ValueError:
-        """Make an error about a row."""
-        return self.table.text.error(reason, self.lines[row])
+    def require(self, valid: np.ndarray, reason: str) -> None:
+        """Raise a `ValueError` with a line for each row that is not valid."""
+        rows = [self.table.rows[k] for k in np.flatnonzero(~valid)]
+        _raise_faults([str(self.table.text.error(reason, row.line)) for row in rows])
 
 
 def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> Contents:
@@ -64,61 +76,94 @@ def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> C
     ValueError
         With file and line, of all rows with a value that is missing, not understood or out of its
         domain; of a column that is there twice, that states no unit or another one, or that is
-        unknown but one letter away from a known one.
+        unknown but one letter away from one that is not there.
     """
     required = [name for name, column in columns.items() if column.required]
-    expected = f"a line with the columns {', '.join(_print_head(n, columns[n]) for n in required)}"
+    printed = ", ".join(_print_head(name, columns[name].dimension) for name in required)
     table = Table(
         TextFile(path),
         lambda heads: {*required} <= {_find_name(head, columns) for head in heads},
-        expected,
+        f"a line with the columns {printed}",
     )
-    places, others = _find_columns(table, columns)
+    return read_columns(table, columns)
+
+
+def read_columns(table: Table, columns: Mapping[str, Column]) -> Contents:
+    """Read the known columns of a table; errors as in `read_table`."""
+    places = _find_columns(table, columns)
+    rows = table.rows
+    if not rows:
+        raise table.error("at least one row was expected below the heads")
     faults: list[str] = []
-    values: dict[str, np.ndarray] = {}
-    for name, place in places.items():
-        cells = []
-        for row in table.rows:
+    cells: dict[str, list[str | bool | float]] = {name: [] for name in places}
+    for row in rows:
+        for name, place in places.items():
             try:
-                cells.append(_read_cell(table, row, place, columns[name]))
+                cells[name].append(_read_cell(table, row, place, columns[name]))
             except ValueError as error:
                 faults.append(str(error))
-        values[name] = np.array(cells, dtype=object if columns[name].dimension == "text" else None)
-    numbers = [places[n] for n in values if columns[n].dimension not in ("text", "flag")]
-    if not faults:
-        table.require_one_decimal_sign(numbers)
+    _raise_faults(faults)
+    numbers = [places[name] for name in places if columns[name].dimension not in _BLANKS]
+    table.require_one_decimal_sign(numbers)
+    if len(table.heads) - 1 in numbers:
+        table.text.require_whole_end([row.cells[-1].replace(",", ".") for row in rows])
+    values = {}
+    for name, column in columns.items():
+        blank = [_BLANKS.get(column.dimension, math.nan)] * len(rows)
+        kind = object if column.dimension == "text" else None
+        values[name] = np.array(cells.get(name, blank), dtype=kind)
+    others = {
+        head.words: [row.cells[place] for row in rows]
+        for place, head in enumerate(table.heads)
+        if head.words and place not in places.values()
+    }
+    return Contents(table, values, others)
+
+
+def _raise_faults(faults: list[str]) -> None:
+    """Raise a `ValueError` that names the first faults, if there are any."""
     if faults:
         raise ValueError("\n".join(faults[:_MAX_FAULTS]))
-    words = {table.heads[k].words: [row.cells[k] for row in table.rows] for k in others}
-    return Contents(table, values, [row.line for row in table.rows], words)
 
 
-def _find_columns(
-    table: Table, columns: Mapping[str, Column]
-) -> tuple[dict[str, int], list[int]]:
-    """Find the place of each column that is there, and the places of others."""
+def _find_columns(table: Table, columns: Mapping[str, Column]) -> dict[str, int]:
+    """Find the place of each column that is there."""
     places: dict[str, int] = {}
-    others = []
-    known = [name for key, column in columns.items() for name in (key, *column.synonyms)]
     for place, head in enumerate(table.heads):
         name = _find_name(head, columns)
-        printed = f"column {quote_word(head.words)}"
-        if not name:
-            near = next((n for n in known if _is_one_letter_away(head.name.lower(), n)), "")
-            if near:
-                raise table.error(f"{printed} is unknown: is {near!r} meant?")
-            others.append(place)
-            continue
         if name in places:
-            raise table.error(f"{printed}: a column {name!r} is there already")
-        dimension = columns[name].dimension
-        stated = head.unit.dimension if head.unit else ""
-        needs_unit = dimension not in ("text", "flag", "ratio")
-        if stated != dimension and (needs_unit or head.unit):
-            allowed = f"its unit, as in {_print_head(name, columns[name])!r}" if needs_unit else "no unit"
-            raise table.error(f"{printed}: {allowed} was expected")
-        places[name] = place
-    return places, others
+            raise table.error(f"column {quote_word(head.words)}: {name!r} is there already")
+        if name:
+            places[name] = place
+            _require_unit(table, head, name, columns[name].dimension)
+    # A misspelled name must not be passed over. Beside a height there may be a weight.
+    absent = [
+        word
+        for name, column in columns.items()
+        if name not in places
+        for word in (name, *column.synonyms)
+        if len(word) >= _SHORTEST
+    ]
+    for place, head in enumerate(table.heads):
+        near = [
+            word for word in absent if not _vary(word).isdisjoint(_vary(head.name.lower()))
+        ]
+        if near and place not in places.values():
+            reason = f"column {quote_word(head.words)} is unknown: is {near[0]!r} meant?"
+            raise table.error(reason)
+    return places
+
+
+def _require_unit(table: Table, head: Head, name: str, dimension: str) -> None:
+    """Raise a `ValueError` if a column states no unit, or one of something else."""
+    stated = head.unit.dimension if head.unit else ""
+    needed = dimension if dimension in _EXAMPLES else ""
+    if stated != needed and (needed or stated != dimension):
+        allowed = f"a unit of {needed}" if needed else "no unit"
+        raise table.error(
+            f"column {quote_word(head.words)}: {allowed} was expected, as in"
+            f" {_print_head(name, dimension)!r}"
+        )
 
 
 def _find_name(head: Head, columns: Mapping[str, Column]) -> str:
@@ -127,37 +172,41 @@ def _find_name(head: Head, columns: Mapping[str, Column]) -> str:
     return next((n for n, c in columns.items() if plain == n or plain in c.synonyms), "")
 
 
-def _print_head(name: str, column: Column) -> str:
+def _print_head(name: str, dimension: str) -> str:
     """Print the head of a column with an example of its unit."""
-    return f"{name}{_EXAMPLES.get(column.dimension, '')}"
+    return f"{name} [{_EXAMPLES[dimension]}]" if dimension in _EXAMPLES else name
 
 
 def _read_cell(table: Table, row: Row, place: int, column: Column) -> str | bool | float:
     """Read a cell; a `ValueError` that names line and column if it is not allowed."""
     cell = row.cells[place]
     head = table.heads[place]
-    allowed = "yes or no" if column.dimension == "flag" else "something"
-    if column.required and not cell:
-        allowed = f"{allowed} in each row"
-    elif column.dimension == "text":
-        return cell
+    if column.dimension == "text":
+        value = cell
+        allowed = "given in each row"
     elif column.dimension == "flag":
-        if (flag := _FLAGS.get(cell.lower())) is not None:
-            return flag
+        value = _FLAGS.get(cell.lower())
+        allowed = "yes or no"
     else:
-        number = table.parse_number(cell) if cell else np.nan
-        value = np.nan if number is None else number * (head.unit.factor if head.unit else 1.0)
-        if not cell or (number is not None and (not column.domain or column.domain.contains(np.asarray(value)))):
-            return value
-        allowed = column.domain.allowed if column.domain and number is not None else "a number"
-    raise table.text.error(
-        f"column {quote_word(head.words)} must have {allowed}, got {quote_word(cell)}", row.line
-    )
+        value = table.parse_number(cell) if cell else math.nan
+        allowed = "a number"
+        if value is not None:
+            value *= head.unit.factor if head.unit else 1.0
+            allowed = column.domain.allowed
+            # A scalar is compared three times as fast as an array without axes.
+            scalar: Any = np.float64(value)
+            # Programs write NaN for what is missing.
+            if not (math.isnan(value) or column.domain.contains(scalar)):
+                value = None
+    is_missing = not cell or value != value
+    if value is None or (is_missing and column.required):
+        raise table.text.error(
+            f"column {quote_word(head.words)} must be {allowed}, got {quote_word(cell)}",
+            row.line,
+        )
+    return value
 
 
-def _is_one_letter_away(word: str, known: str) -> bool:
-    """Return whether one letter was left out, added, replaced, or exchanged with the next."""
-    k = len(os.path.commonprefix([word, known]))
-    is_swapped = word[k : k + 2] == known[k : k + 2][::-1] and word[k + 2 :] == known[k + 2 :]
-    ends = (word[k + 1 :], known[k:]), (word[k:], known[k + 1 :]), (word[k + 1 :], known[k + 1 :])
-    return word != known and (is_swapped or any(a == b for a, b in ends))
+def _vary(word: str) -> set[str]:
+    """Make a word, and what is left of it without a letter: words one letter apart share one."""
+    return {word, *(word[:k] + word[k + 1 :] for k in range(len(word)))}

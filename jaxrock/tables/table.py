@@ -1,10 +1,10 @@
 """Tables as spreadsheets save them: a line of heads, rows below it, titles and comments above.
 
-A head is a name and perhaps its unit in brackets, ``width [cm]`` or ``width (cm)``. The line of heads
-is the first one that has all columns that are needed; what stands above it is not read, and neither
-are lines that begin with #. Cells are separated by what a first line ``sep=;`` states, or else by the
-semicolons, tabs or commas of the line of heads. Beside semicolons and tabs, decimals may stand behind
-commas.
+A head is a name and perhaps its unit in brackets, ``width [cm]`` or ``width (cm)``. The line of
+heads is the first one that has all columns that are needed; what stands above it is not read, and
+neither are lines that begin with #. Cells are separated by what a first line ``sep=;`` states, or
+else by the semicolons, tabs or commas of the line of heads. Beside semicolons and tabs, decimals
+may stand behind commas.
 """
 
 import csv
@@ -66,10 +66,10 @@ class Table:
         """Find the line of heads; a `ValueError` that says what was `expected` if none is."""
         self.text = text
         stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
-        first = 2 if stated else 1
-        for line in range(first, len(text.lines) + 1):
-            words = text.lines[line - 1]
-            if not words.strip() or _is_comment(words):
+        # Numbers of cells, with the lines.
+        tried: list[tuple[int, int]] = []
+        for line, words in enumerate(text.lines, 1):
+            if not words.strip() or _is_comment(words) or (stated and line == 1):
                 continue
             # A tab after "sep=" may have been stripped with the blanks at the end of the line.
             found = next((sign for sign in ";\t," if sign in words), ",")
@@ -82,10 +82,14 @@ class Table:
             self.line = line
             if is_head(self.heads):
                 return
+            tried.append((len(cells), -line))
             if all(as_number(cell) is not None for cell in cells):
                 break
-        words = quote_word(text.lines[min(first, len(text.lines)) - 1])
-        raise text.error(f"{expected} was expected, got {words}", first)
+        # Titles have fewer cells than heads.
+        line = -max(tried, default=(0, -1))[1]
+        raise text.error(
+            f"{expected} was expected, got {quote_word(text.lines[line - 1])}", line
+        )
 
     def error(self, reason: str) -> ValueError:
         """Make an error about the heads."""
@@ -122,7 +126,9 @@ class Table:
         # A quote that does not end, or a cell of more than 131,072 characters.
         except csv.Error as error:
             line = lines[reader.line_num - 1][0]
-            raise self.text.error(f"the line cannot be split into cells: {error}", line) from error
+            raise self.text.error(
+                f"the line cannot be split into cells: {error}", line
+            ) from error
 
     def parse_number(self, cell: str) -> float | None:
         """Convert a cell to a number, NaN and infinity among them; None if it is none."""
@@ -154,10 +160,13 @@ class Table:
                     " is between them",
                     last,
                 )
-            values = np.array([[self._require_number(row, k) for k in columns] for row in rows])
+            values = np.array([[self.require_number(row, k) for k in columns] for row in rows])
             self.require_one_decimal_sign(columns)
         # How numbers are printed is seen in the last column, in which the file ends.
-        tail = [_split_line(line, self.separator)[-1] for line in self.text.lines[self.line :][-1000:]]
+        tail = [
+            _split_line(line, self.separator)[-1]
+            for line in self.text.lines[self.line :][-1000:]
+        ]
         self.text.require_whole_end(tail)
         return values.reshape(-1, len(columns)).T
 
@@ -180,7 +189,7 @@ class Table:
         # It passes over empty lines, which samples must not have.
         return rows if len(rows) == len(lines) and np.isfinite(rows).all() else None
 
-    def _require_number(self, row: Row, column: int) -> float:
+    def require_number(self, row: Row, column: int) -> float:
         """Convert a cell to a finite number; an error that names the column if it is none."""
         number = self.parse_number(row.cells[column])
         if number is None or not math.isfinite(number):

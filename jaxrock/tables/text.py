@@ -49,9 +49,9 @@ class TextFile(NamedFile):
         super().__init__(path)
         content = self.read_content() if content is None else content
         text = self._decode(content).replace("\r\n", "\n").replace("\r", "\n")
-        # DOS files end with a Ctrl-Z.
-        whole = text.rstrip("\x1a\n\t ")
-        if not whole:
+        # DOS files end with a Ctrl-Z. A tab may be in front of a cell that is empty.
+        whole = text.rstrip("\x1a\n ")
+        if not whole.strip():
             raise self.error("the file is empty")
         if "\0" in whole:
             raise self.error("a text file was expected, this one is binary")

@@ -70,10 +70,10 @@ def parse_unit(words: str) -> Unit:
         return Unit(words, *_KNOWN[plain])
     for mark in ("^", "**", "(", ")"):
         plain = plain.replace(mark, "")
-    above, *below = plain.replace(" per ", "/").split("/")
+    above, *below = f" {plain}".replace(" per ", "/").split("/")
     powers: Counter[str] = Counter()
     value = 1.0
-    for sign, product in [(1, above or "1"), *((-1, part) for part in below)]:
+    for sign, product in [(1, above.strip() or "1"), *((-1, part) for part in below)]:
         for factor in product.replace("*", " ").replace(".", " ").split() or [""]:
             match = _FACTOR.fullmatch(factor)
             if match is None or match["unit"] not in _KNOWN:

@@ -65,7 +65,7 @@ def read_pages():
 def make_files(folder):
     """Make a folder with the files that examples name."""
     (folder / "records").mkdir(parents=True)
-    (folder / "times.csv").write_text("\n".join(map(str, IMPACTS)), encoding="utf-8")
+    (folder / "times.csv").write_text("\n".join(["time [s]", *map(str, IMPACTS)]))
     (folder / "objects.csv").write_text(OBJECTS, encoding="utf-8")
     (folder / "hazard.csv").write_text(HAZARD, encoding="utf-8")
     (folder / "tests.csv").write_text(TESTS, encoding="utf-8")
