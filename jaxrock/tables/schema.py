@@ -3,20 +3,18 @@
 import math
 import os
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from ..validation import FINITE, Domain
-from .table import Head, Row, Table
+from .table import Head, Table
 from .text import TextFile, quote_word
 
 _FLAGS = {
     **dict.fromkeys(("yes", "true", "1", "x", "overturned"), True),
     **dict.fromkeys(("no", "false", "0", "stood", ""), False),
 }
-# What stands for a cell that is empty; NaN for numbers.
-_BLANKS = {"text": "", "flag": False}
 # An example of each dimension that has to be stated, for messages.
 _EXAMPLES = {
     "length": "m",
@@ -51,6 +49,17 @@ class Column(NamedTuple):
     required: bool = False
     synonyms: tuple[str, ...] = ()
 
+    @property
+    def is_number(self) -> bool:
+        """Whether it has numbers."""
+        return self.dimension not in ("text", "flag")
+
+    @property
+    def allowed(self) -> str:
+        """What its cells must be, in words."""
+        words = {"text": "given in each row", "flag": "yes or no"}
+        return words.get(self.dimension, self.domain.allowed)
+
 
 class Contents(NamedTuple):
     """What a table holds: the values of all known columns by name, and unknown columns as words.
@@ -64,8 +73,8 @@ class Contents(NamedTuple):
 
     def require(self, valid: np.ndarray, reason: str) -> None:
         """Raise a `ValueError` with a line for each row that is not valid."""
-        rows = [self.table.rows[k] for k in np.flatnonzero(~valid)]
-        _raise_faults([str(self.table.text.error(reason, row.line)) for row in rows])
+        lines = [self.table.rows[k].line for k in np.flatnonzero(~valid)]
+        _raise_faults(self.table, [(line, reason) for line in lines])
 
 
 def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> Contents:
@@ -94,24 +103,22 @@ def read_columns(table: Table, columns: Mapping[str, Column]) -> Contents:
     rows = table.rows
     if not rows:
         raise table.error("at least one row was expected below the heads")
-    faults: list[str] = []
-    cells: dict[str, list[str | bool | float]] = {name: [] for name in places}
-    for row in rows:
-        for name, place in places.items():
-            try:
-                cells[name].append(_read_cell(table, row, place, columns[name]))
-            except ValueError as error:
-                faults.append(str(error))
-    _raise_faults(faults)
-    numbers = [places[name] for name in places if columns[name].dimension not in _BLANKS]
-    table.require_one_decimal_sign(numbers)
-    if len(table.heads) - 1 in numbers:
-        table.text.require_whole_end([row.cells[-1].replace(",", ".") for row in rows])
-    values = {}
+    values: dict[str, np.ndarray] = {}
+    faults: list[tuple[int, str]] = []
     for name, column in columns.items():
-        blank = [_BLANKS.get(column.dimension, math.nan)] * len(rows)
-        kind = object if column.dimension == "text" else None
-        values[name] = np.array(cells.get(name, blank), dtype=kind)
+        place = places.get(name)
+        cells = ["" if place is None else row.cells[place] for row in rows]
+        head = Head(name, name) if place is None else table.heads[place]
+        values[name], valid = _convert_cells(table, cells, column, head)
+        faults += [
+            (
+                rows[k].line,
+                f"column {quote_word(head.words)} must be {column.allowed}, got {cells[k]!r:.60}",
+            )
+            for k in np.flatnonzero(~valid)
+        ]
+    _raise_faults(table, faults)
+    table.require_one_decimal_sign([places[n] for n in places if columns[n].is_number])
     others = {
         head.words: [row.cells[place] for row in rows]
         for place, head in enumerate(table.heads)
@@ -120,10 +127,30 @@ def read_columns(table: Table, columns: Mapping[str, Column]) -> Contents:
     return Contents(table, values, others)
 
 
-def _raise_faults(faults: list[str]) -> None:
-    """Raise a `ValueError` that names the first faults, if there are any."""
+def _convert_cells(
+    table: Table, cells: list[str], column: Column, head: Head
+) -> tuple[np.ndarray, np.ndarray]:
+    """Convert the cells of a column; return the values, and which of them are valid."""
+    is_given = np.array([cell != "" for cell in cells]) | (not column.required)
+    if column.dimension == "text":
+        return np.array(cells, dtype=object), is_given
+    if not column.is_number:
+        flags = [_FLAGS.get(cell.lower()) for cell in cells]
+        return np.array(flags, dtype=bool), is_given & [flag is not None for flag in flags]
+    numbers = [table.parse_number(cell) if cell else math.nan for cell in cells]
+    values = np.array(numbers, dtype=float) * (head.unit.factor if head.unit else 1.0)
+    # Programs write NaN for what is missing.
+    is_missing = np.isnan(values) & [number is not None for number in numbers]
+    return values, is_given & (
+        column.domain.contains(values) | (is_missing & (not column.required))
+    )
+
+
+def _raise_faults(table: Table, faults: list[tuple[int, str]]) -> None:
+    """Raise a `ValueError` that names the first faults, with their lines, if there are any."""
     if faults:
-        raise ValueError("\n".join(faults[:_MAX_FAULTS]))
+        errors = [str(table.text.error(reason, line)) for line, reason in sorted(faults)]
+        raise ValueError("\n".join(errors[:_MAX_FAULTS]))
 
 
 def _find_columns(table: Table, columns: Mapping[str, Column]) -> dict[str, int]:
@@ -175,36 +202,6 @@ def _find_name(head: Head, columns: Mapping[str, Column]) -> str:
 def _print_head(name: str, dimension: str) -> str:
     """Print the head of a column with an example of its unit."""
     return f"{name} [{_EXAMPLES[dimension]}]" if dimension in _EXAMPLES else name
-
-
-def _read_cell(table: Table, row: Row, place: int, column: Column) -> str | bool | float:
-    """Read a cell; a `ValueError` that names line and column if it is not allowed."""
-    cell = row.cells[place]
-    head = table.heads[place]
-    if column.dimension == "text":
-        value = cell
-        allowed = "given in each row"
-    elif column.dimension == "flag":
-        value = _FLAGS.get(cell.lower())
-        allowed = "yes or no"
-    else:
-        value = table.parse_number(cell) if cell else math.nan
-        allowed = "a number"
-        if value is not None:
-            value *= head.unit.factor if head.unit else 1.0
-            allowed = column.domain.allowed
-            # A scalar is compared three times as fast as an array without axes.
-            scalar: Any = np.float64(value)
-            # Programs write NaN for what is missing.
-            if not (math.isnan(value) or column.domain.contains(scalar)):
-                value = None
-    is_missing = not cell or value != value
-    if value is None or (is_missing and column.required):
-        raise table.text.error(
-            f"column {quote_word(head.words)} must be {allowed}, got {quote_word(cell)}",
-            row.line,
-        )
-    return value
 
 
 def _vary(word: str) -> set[str]:

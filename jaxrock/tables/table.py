@@ -24,6 +24,10 @@ _SEPARATOR_LINE = re.compile(r'"?sep=(.?)"?\s*', re.I)
 _HEAD = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
 
 
+# As many rows are enough to see how numbers are printed.
+_MANY = 1000
+
+
 class Head(NamedTuple):
     """A column as its head describes it: the words as printed, the name, and the unit if any."""
 
@@ -66,7 +70,6 @@ class Table:
         """Find the line of heads; a `ValueError` that says what was `expected` if none is."""
         self.text = text
         stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
-        # Numbers of cells, with the lines.
         tried: list[tuple[int, int]] = []
         for line, words in enumerate(text.lines, 1):
             if not words.strip() or _is_comment(words) or (stated and line == 1):
@@ -81,15 +84,30 @@ class Table:
             self.heads = [*map(read_head, cells)]
             self.line = line
             if is_head(self.heads):
-                return
-            tried.append((len(cells), -line))
-            if all(as_number(cell) is not None for cell in cells):
                 break
-        # Titles have fewer cells than heads.
-        line = -max(tried, default=(0, -1))[1]
-        raise text.error(
-            f"{expected} was expected, got {quote_word(text.lines[line - 1])}", line
-        )
+            tried.append((len(cells), -line))
+        else:
+            # Titles have fewer cells than heads.
+            line = -max(tried, default=(0, -1))[1]
+            got = quote_word(text.lines[line - 1])
+            raise text.error(f"{expected} was expected, got {got}", line)
+        self._require_whole_end()
+
+    def _require_whole_end(self) -> None:
+        """Raise a `ValueError` if the file looks as if it were cut within its last number.
+
+        Where no line end follows it, it must have as many digits after its point, with those of
+        an exponent, as the shortest number above it.
+        """
+        rows = [] if self.text.ends else self.text.lines[self.line :][-_MANY:]
+        last = [_split_line(row, self.separator)[-1].replace(",", ".") for row in rows]
+        digits = [len(word.partition(".")[2]) for word in last]
+        if len(digits) > 1 and digits[-1] < min(digits[:-1]):
+            raise self.text.error(
+                f"the file looks truncated: its last number {quote_word(last[-1])} has fewer digits"
+                " than the others and no newline follows; add one if it is complete",
+                len(self.text.lines),
+            )
 
     def error(self, reason: str) -> ValueError:
         """Make an error about the heads."""
@@ -162,12 +180,6 @@ class Table:
                 )
             values = np.array([[self.require_number(row, k) for k in columns] for row in rows])
             self.require_one_decimal_sign(columns)
-        # How numbers are printed is seen in the last column, in which the file ends.
-        tail = [
-            _split_line(line, self.separator)[-1]
-            for line in self.text.lines[self.line :][-1000:]
-        ]
-        self.text.require_whole_end(tail)
         return values.reshape(-1, len(columns)).T
 
     def _read_quickly(self, columns: Sequence[int]) -> np.ndarray | None:
@@ -176,14 +188,13 @@ class Table:
         if len(lines) < 2:
             raise self.text.error("at least two rows of samples were expected", self.line)
         between = len(self.heads) - 1
-        if any(line.count(self.separator) != between for line in lines):
-            return None
-        if self.separator != "," and any("," in line for line in lines):
+        if {line.count(self.separator) for line in lines} != {between}:
             return None
         try:
             rows = np.loadtxt(
                 lines, delimiter=self.separator, comments=None, usecols=columns, ndmin=2
             )
+        # Decimals may stand behind commas.
         except ValueError:
             return None
         # It passes over empty lines, which samples must not have.

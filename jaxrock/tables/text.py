@@ -2,15 +2,13 @@
 
 import os
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 from ..host import read_regular
 
 # By the byte-order mark, which UTF-8 may have too.
 _ENCODINGS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
-# As many are enough to see how numbers are printed.
-_MANY = 1000
 
 
 class NamedFile:
@@ -68,21 +66,6 @@ class TextFile(NamedFile):
             if code == "utf-8":
                 return content.decode("latin-1")
             raise self.error(f"the file seems to be damaged: it is no {code}") from None
-
-    def require_whole_end(self, words: Sequence[str]) -> None:
-        """Raise a `ValueError` if the file looks as if it were cut within its last number.
-
-        `words` are numbers printed alike, up to the last word of the file. Where no line end
-        follows it, it must have as many digits after its point, with those of an exponent, as
-        the shortest one before it.
-        """
-        after = [len(word.strip().partition(".")[2]) for word in words[-_MANY:]]
-        if not self.ends and len(after) > 1 and after[-1] < min(after[:-1]):
-            raise self.error(
-                f"the file looks truncated: its last number {quote_word(words[-1])} has fewer"
-                " digits than the others and no newline follows; add one if it is complete",
-                len(self.lines),
-            )
 
 
 def as_number(word: str) -> float | None:

@@ -89,7 +89,7 @@ PROGRAMS = [
     (OPENQUAKE.replace(",", ";"), {"statistic": "mean"}, "mean hazard of pga", 1, FIRST),
     (SITES, {"site": (-122.40001, 37.75)}, "mean hazard of pga", 1, FIRST),
     (NSHMP, PGA | {"unit": "g"}, "hazard of pga", 1, ANNUAL),
-    (NSHMP, PGV | {"statistic": "max"}, "max hazard of pgv", CM, ANNUAL),
+    (NSHMP, PGV | {"statistic": "max", "unit": "cm/s"}, "max hazard of pgv", CM, ANNUAL),
 ]  # fmt: skip
 
 
@@ -116,7 +116,7 @@ REFUSED = [
     ("pga [g],poe in 0 years\n1,.2\n2,.1\n", {}, ", line 1: .* 'probability in 50 years"),
     ("pga [g],poe in 50 days\n1,.2\n2,.1\n", {}, ", line 1: .* 'probability in 50 years"),
     (f"{HEAD}\n1,2\n2,1\n", {"site": (1, 2)}, ": site goes with a table of several"),
-    (f"{HEAD}\n1,often\n2,1e-3\n", {}, ", line 2: column 'rate .1/yr.' must be a number, got 'of"),
+    (f"{HEAD}\n1,often\n2,1e-3\n", {}, ", line 2: column 'rate .1/yr.' must be finite .*, got 'of"),
     ("pga [g],poe in 9 years [%]\n1,110\n2,1\n", {}, ", line 2: column 'poe in .* got '110'"),
     (f"{HEAD}\n3,1\n2,.1\n1,2\n", {}, ": rates must not rise with the level, got 1 after 0.1"),
     (f"{HEAD}\n.8,.1\n.5,.2\n.9,0\n", {}, ": levels must increase, got 4.9\\d* after"),
@@ -135,6 +135,7 @@ REFUSED = [
     (OPENQUAKE.replace("poe-0.0137000", "0.2~PGA"), {}, ", line 2: .* poe-0.1, got '0.2~pga'"),
     (OPENQUAKE.replace(",0.00000,", ","), {}, ", line 3: 8 cells were expected, got 7"),
     (NSHMP, {}, ": measure must be given, as 'pga' or 'pgv', got none"),
+    (NSHMP, PGV, ": unit must be given, 'g' for pga or 'cm/s' for pgv"),
 ]  # fmt: skip
 
 
