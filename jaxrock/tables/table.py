@@ -11,7 +11,7 @@ import csv
 import functools
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -24,10 +24,6 @@ _SEPARATOR_LINE = re.compile(r'"?sep=(.?)"?\s*', re.I)
 _HEAD = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
 
 
-# As many rows are enough to see how numbers are printed.
-_MANY = 1000
-
-
 class Head(NamedTuple):
     """A column as its head describes it: the words as printed, the name, and the unit if any."""
 
@@ -37,7 +33,7 @@ class Head(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A row of a table: the line in which it ends, and its cells."""
+    """A row of a table: its line, and its cells."""
 
     line: int
     cells: list[str]
@@ -77,7 +73,7 @@ class Table:
             # A tab after "sep=" may have been stripped with the blanks at the end of the line.
             found = next((sign for sign in ";\t," if sign in words), ",")
             self.separator = (stated[1] or "\t") if stated else found
-            cells = _split_line(words, self.separator)
+            cells = [cell.strip() for cell in words.split(self.separator)]
             # Spreadsheets end lines with separators of empty cells.
             while len(cells) > 1 and not cells[-1]:
                 del cells[-1]
@@ -91,23 +87,6 @@ class Table:
             line = -max(tried, default=(0, -1))[1]
             got = quote_word(text.lines[line - 1])
             raise text.error(f"{expected} was expected, got {got}", line)
-        self._require_whole_end()
-
-    def _require_whole_end(self) -> None:
-        """Raise a `ValueError` if the file looks as if it were cut within its last number.
-
-        Where no line end follows it, it must have as many digits after its point, with those of
-        an exponent, as the shortest number above it.
-        """
-        rows = [] if self.text.ends else self.text.lines[self.line :][-_MANY:]
-        last = [_split_line(row, self.separator)[-1].replace(",", ".") for row in rows]
-        digits = [len(word.partition(".")[2]) for word in last]
-        if len(digits) > 1 and digits[-1] < min(digits[:-1]):
-            raise self.text.error(
-                f"the file looks truncated: its last number {quote_word(last[-1])} has fewer digits"
-                " than the others and no newline follows; add one if it is complete",
-                len(self.text.lines),
-            )
 
     def error(self, reason: str) -> ValueError:
         """Make an error about the heads."""
@@ -117,36 +96,22 @@ class Table:
     def rows(self) -> list[Row]:
         """The rows, without comments and without rows of empty cells; all of the same width."""
         width = len(self.heads)
-        rows = [row for row in self._split_rows() if any(row.cells)]
-        for line, cells in rows:
+        rows = []
+        for line, words in enumerate(self.text.lines[self.line :], self.line + 1):
+            try:
+                cells = [] if _is_comment(words) else _split_line(words, self.separator)
+            # A quote that does not end, or a cell of more than 131,072 characters.
+            except csv.Error as error:
+                raise self.text.error(
+                    f"it cannot be split into cells: {error}", line
+                ) from None
             while len(cells) > width and not cells[-1]:
                 del cells[-1]
-            if len(cells) != width:
+            if any(cells):
+                rows.append(Row(line, cells))
+            if any(cells) and len(cells) != width:
                 raise self.text.error(f"{width} cells were expected, got {len(cells)}", line)
         return rows
-
-    def _split_rows(self) -> Iterator[Row]:
-        """Split lines into rows; a line end within quotes belongs to its cell."""
-        lines = [
-            (number, words)
-            for number, words in enumerate(self.text.lines[self.line :], self.line + 1)
-            if not _is_comment(words)
-        ]
-        reader = csv.reader(
-            (f"{words}\n" for _, words in lines),
-            delimiter=self.separator,
-            skipinitialspace=True,
-            strict=True,
-        )
-        try:
-            for cells in reader:
-                yield Row(lines[reader.line_num - 1][0], [" ".join(c.split()) for c in cells])
-        # A quote that does not end, or a cell of more than 131,072 characters.
-        except csv.Error as error:
-            line = lines[reader.line_num - 1][0]
-            raise self.text.error(
-                f"the line cannot be split into cells: {error}", line
-            ) from error
 
     def parse_number(self, cell: str) -> float | None:
         """Convert a cell to a number, NaN and infinity among them; None if it is none."""
@@ -156,15 +121,9 @@ class Table:
 
     def require_one_decimal_sign(self, columns: Sequence[int]) -> None:
         """Refuse columns in which decimals stand behind points as well as behind commas."""
-        cells = [(row.line, row.cells[k]) for row in self.rows for k in columns]
-        commas = [cell for cell in cells if "," in cell[1]]
-        points = [cell for cell in cells if "." in cell[1]]
-        if commas and points:
-            raise self.text.error(
-                "decimals must all stand behind points or all behind commas, got"
-                f" {commas[0][1]!r} in line {commas[0][0]} and {points[0][1]!r}",
-                points[0][0],
-            )
+        cells = [row.cells[k] for row in self.rows for k in columns]
+        if all(any(sign in cell for cell in cells) for sign in ".,"):
+            raise self.error("decimals must all stand behind points, or all behind commas")
 
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
         """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
@@ -216,5 +175,5 @@ def _is_comment(line: str) -> bool:
 
 def _split_line(line: str, separator: str) -> list[str]:
     """Split a line into its cells, without blanks around them."""
-    cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [""])
-    return [cell.strip() for cell in cells]
+    reader = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)
+    return [cell.strip() for cell in next(reader, [""])]

@@ -42,14 +42,13 @@ def test_a_restitution_from_a_file(tmp_path):
 
 REFUSED = [
     ("0.5\n0.9\n", ", line 1: .* time .s. .* '0.5'"),
-    ("time\n0.5\n0.9\n", ", line 1: column 'time': .* 'time .s.'"),
+    ("time\n0.5\n0.9\n", ", line 1: column 'time' .* 'time .s.'"),
     ("t [s],peak rotatoin [deg]\n0.5,1\n", ", line 1: .* 'peak rotation' meant"),
     (
         "time [s],peak [rad]\n0.5,9.1\n",
         ", line 2: column 'peak .rad.' must be between .* '9.1'",
     ),
     ("time [s]\n0\n1\n1\n", ", line 4: times must increase"),
-    ("time [s]\n0.512\n0.987\n1.2", ", line 4: the file looks truncated"),
 ]
 
 

@@ -21,7 +21,7 @@ HEAD = "file,unit,time step [s],scale,overturned,group,peak rotation [deg],name"
 # Tables, or rows below the head, and what the error must contain.
 REFUSED = [
     ("1,a.csv\n", ("line 1", "file, overturned", "'1,a.csv'")),
-    ("file,overturned,time step\na.csv,1,2\n", ("line 1", "'time step'", "unit of time")),
+    ("file,overturned,time step\na.csv,1,2\n", ("line 1", "'time step'", "'time step [s]'")),
     ("file,overturned,scal\na.csv,1,2\n", ("line 1", "'scal'", "'scale' meant")),
     ("a.csv,,0,0,maybe,,,", ("line 2", "greater than 0", "not 0", "yes or no", "'maybe'")),
     ("a.csv,,,,no,,95,\na.csv,,,,no,,-1,", ("line 2", "line 3", "peak rotation")),
