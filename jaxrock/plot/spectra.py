@@ -92,8 +92,7 @@ def plot_curves(
     --------
     >>> import jaxrock as jr
     >>> spectrum = jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
-    >>> curves = spectrum.rotation_ratio.sel(restitution=0.6)
-    >>> axes = jr.plot.plot_curves(curves, hue="width")
+    >>> axes = jr.plot.plot_curves(spectrum.rotation_ratio, hue="width")
     """
     check_result(
         "variable", variable, xarray.DataArray, "resonance_spectrum(...).rotation_ratio"

@@ -88,7 +88,7 @@ class ImpactSum(NamedTuple):
     """
 
     energy: Reals
-    unit: Reals  # square of the velocity from the ground to the peak, or to overturning
+    unit: Reals  # square of the velocity before an impact that sends the block to its peak
 
 
 class SimulatedBatch(NamedTuple):
@@ -177,7 +177,6 @@ def _follow_rows(
     margin = pick_smaller_margin(before_impact, after_impact)
     toppled = ends.peak >= TOPPLED_ROTATION
     overturned = complete & (toppled | (margin < 0))
-    impacts = ends.impacts.astype(int)
     # It overturns on the other side after one more impact, which may fall after the end of the
     # input. So impacts are counted where the criterion is read.
     at_once = (ends.end_rotation >= TOPPLED_ROTATION) | (before_impact < 0)
@@ -192,14 +191,17 @@ def _follow_rows(
         final_velocity=where_complete(ends.velocity / unit),
         overturned=overturned,
         margin=where_complete(margin),
-        impacts=impacts,
+        impacts=ends.impacts.astype(int),
         mode=jnp.where(overturned, mode, -1),
         status=status,
     )
     # From beyond the critical angle a block has no velocity of free motion.
     highest = jnp.minimum(ends.peak, case.equation.critical_angle)
-    landing = case.equation.landing_velocity(highest, jnp.zeros_like(highest))
-    impact_sum = ImpactSum(ends.impact_sum / case.duration, landing * landing)
+    leaving = case.equation.landing_velocity(highest, jnp.zeros_like(highest))
+    # What an impact absorbs has no effect on the motion: the limits of `to_tolerance` are for
+    # the velocity that it leaves, if it leaves any.
+    arriving = leaving / jnp.maximum(case.restitution, 0.25)
+    impact_sum = ImpactSum(ends.impact_sum / case.duration, arriving * arriving)
     return SimulatedBatch(response, jax.lax.stop_gradient(impact_sum))
 
 

@@ -230,10 +230,10 @@ def _apply_event(
     leaving = jnp.where(lands, velocity_after_impact(restitution, arriving), 0)
     zero = jnp.zeros_like(time)
     next_side = side_after_impact(equation.one_sided, before.side)
-    acts = integration.driven.motion.acts(time)
+    motion = integration.driven.motion
 
     def accelerate(side: Reals) -> Reals:
-        segment = integration.begin_segment(time, side, acts)
+        segment = integration.begin_segment(time, side, motion.acts(time))
         fixed = jax.lax.stop_gradient((segment, jnp.stack([zero, leaving])))
         return fixed[0].field(zero, fixed[1])[1]
 
@@ -252,8 +252,7 @@ def _apply_event(
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)
     short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _REST_SHARE * integration.rtol * lost
     slow = leaving**2 <= 2 * integration.rtol**2 * deceleration * before.peak
-    resolution = _RESOLVED * integration.driven.motion.time_rounding(time)
-    unresolved = 2 * leaving <= resolution * lost
+    unresolved = 2 * leaving <= _RESOLVED * motion.time_rounding(time) * lost
     rests = lands & pressed & short & (slow | unresolved)
     # Where the input is beyond uplift on the side that the block came from, it lifts the block
     # when the next bounce ends: no value shows that, but the derivative with respect to C.

@@ -122,11 +122,12 @@ def limit_step(
     # What lies within rounding of a kink is at the kink: a step that ends there, or a segment.
     # Otherwise a step of the length of a rounding error would follow, or a step that begins at
     # the kink with the slope of the interval before it, since a step that ends at a kink moves
-    # with it and another one does not.
+    # with it and another one does not. But a step that was rejected must become shorter.
     rounding = segment.motion.time_rounding(segment.origin + length)
     kink = segment.motion.next_kink(segment.origin + begin) - segment.origin
     stop = jnp.where((kink > begin) & (kink < length - rounding), kink, length)
-    return jnp.where(stop <= end + rounding, stop, end)
+    near = jnp.minimum(rounding, 0.05 * (end - begin))
+    return jnp.where(stop <= end + near, stop, end)
 
 
 def choose_first_step(segment: Segment, length: Reals, y: Reals, lifted: Booleans) -> Reals:

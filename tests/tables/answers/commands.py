@@ -145,5 +145,5 @@ def regenerate_paper():
         yield f"{name}/agrees", [entry.agrees for entry in entries]
     for name in ("claims", "faults"):
         findings = getattr(report, name)
-        yield f"{name}/valid", [finding.valid for finding in findings]
+        yield f"{name}/verdict", [finding.verdict for finding in findings]
         yield f"{name}/figure", [finding.figure for finding in findings]

@@ -107,7 +107,7 @@ def vary_driven_parameters():
             block, 0.85, jr.Sine(3.0, 0.5), ranges, answer=answer
         )
         yield from list_fields(bars, OF_BARS, f"{answer}/")
-    ranges = {"restitution": (0.6, 0.7), "scale": (0.8, 1.2), "slenderness": (3.5, 4.5)}
+    ranges = {"restitution": (0.6, 0.7), "scale": (0.8, 1.2), "slenderness": (4.5, 5.5)}
     bars = jr.sensitivity.driven_tornado(block, 0.7, record(), ranges, scale=1.1)
     yield from list_fields(bars, OF_BARS, "record/")
 
