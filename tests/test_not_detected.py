@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from references.half_sine_rates import hazard
 from scipy import stats
+from tools.selection import first_before_release
 
 import jaxrock as jr
 from jaxrock.risk.not_detected import bound_not_detected
@@ -93,7 +94,7 @@ def test_the_bound_of_windows_that_are_not_detected(draw, options):
 
 @pytest.mark.float64
 @pytest.mark.thorough
-@pytest.mark.parametrize("number", [5, 20])
+@pytest.mark.parametrize("number", first_before_release([5, 20], 1))
 def test_standard_errors_over_suites(number):
     """Of 200 suites drawn from 200 records, 95 % have the rate of all in their t interval.
 

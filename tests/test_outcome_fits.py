@@ -15,6 +15,7 @@ import scipy.optimize
 from scenes import impact_times
 from scipy.special import expit, logit
 from scipy.stats import multivariate_normal, norm
+from tools.selection import first_before_release
 
 import jaxrock as jr
 from jaxrock.calibration import Population
@@ -509,7 +510,7 @@ EDGES = {
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("edge", EDGES)
+@pytest.mark.parametrize("edge", first_before_release(EDGES, 3))
 def test_an_edge_is_fitted(edge):
     changes, remark = EDGES[edge]
     fit = fit_tests(**changes)
@@ -558,7 +559,7 @@ def test_a_free_rocking_test_is_a_prior():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("kind", ["floor", "vertical"])
+@pytest.mark.parametrize("kind", first_before_release(["vertical", "floor"], 1))
 def test_other_motions_are_fitted(kind):
     suite, overturned, _ = make_tests()
     if kind == "floor":

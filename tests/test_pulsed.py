@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping
+from tools.selection import first_before_release
 
 import jaxrock as jr
 
@@ -360,7 +361,7 @@ def test_so_many_pulses_that_just_overturn():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("shape", SHAPES[:-1])
+@pytest.mark.parametrize("shape", first_before_release(SHAPES[:-1], 1))
 def test_random_verges(shape):
     """On both sides, and from rest; unstable where none is given.
 

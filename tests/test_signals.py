@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import xarray
+from tools.selection import first_before_release
 
 from jaxrock.host.files import CannotWrite, write_whole
 
@@ -116,7 +117,7 @@ COMMANDS = {  # with the seconds that they take, about
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", first_before_release(COMMANDS, 2))
 @pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
 def test_signals_at_random_moments(tmp_path, name, how):
     """Exit codes are as a shell expects; no file is there in parts, under its own name."""
