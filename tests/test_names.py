@@ -234,7 +234,7 @@ def test_arrays_without_axes_are_names(question, make, any_type):
         ),
         (
             lambda: read(jr.read_record, SAMPLES, unit="g", column=3.0),
-            "column must be the name of a column, got 3.0",
+            "column must name one file or one column, got 3.0",
         ),
         (
             lambda: fit_driven_rocking(

@@ -2,8 +2,6 @@
 
 import csv
 import io
-import os
-import re
 import zipfile
 from fractions import Fraction
 from importlib.resources import files

@@ -8,14 +8,13 @@ from ..validation import as_text
 
 def convert_unit(words: str) -> float:
     """Convert a unit of acceleration to m/s2; NaN if it is not understood."""
-    unit = parse_unit(words)
-    return unit.factor if unit.dimension == "acceleration" else math.nan
+    _, dimension, factor = parse_unit(words)
+    return factor if dimension == "acceleration" else math.nan
 
 
 def require_unit(unit: str) -> float:
     """Convert the argument `unit` to m/s2; a `ValueError` if it is not understood."""
-    unit = as_text(unit)
-    factor = convert_unit(str(unit))
+    factor = convert_unit(str(as_text(unit)))
     if math.isnan(factor):
         raise ValueError(f"unit must be {UNITS_OF_ACCELERATION}, got {unit!r}")
     return factor

@@ -15,7 +15,7 @@ FIRST, SECOND, UPWARD = np.round(np.random.default_rng(3).normal(-60, 90, (3, PO
 
 
 class Sample(NamedTuple):
-    """A file, what is right, and what has to be refused: a text, another one, part of the message."""
+    """A file, what is right, and what is refused: a text, another one, part of the message."""
 
     name: str
     content: str
@@ -87,7 +87,7 @@ def make_csmip(values, number, channel, volume):
     chan = f"Chan  {number}: {channel}      \n"
     if volume == 1:
         values = values / 1000
-        line = f"    {POINTS} Accelerogram points at 200 pts/sec in units of g.       Format: (8f9.6)\n"
+        line = f"    {POINTS} Accelerogram points at 200 pts/sec in units of g.  Format: (8f9.6)\n"
         top = (
             f"Units of uncor data are sec and g.  Max  = {peak(values):.6f} g, at 9.410 sec.\n"
         )

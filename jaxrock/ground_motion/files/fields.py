@@ -56,7 +56,9 @@ def read_fixed(
             raise text.error(f"{expected} were expected, got {quote_word(line)}", k)
     block = "".join(lines)
     words = [block[k : k + width] for k in range(0, len(block), width)]
-    return convert_words(text, words, lambda: [at + 1 + k // number for k in range(count)]), end
+    return convert_words(
+        text, words, lambda: [at + 1 + k // number for k in range(count)]
+    ), end
 
 
 def read_free(text: TextFile, at: int, count: int | None = None) -> np.ndarray:
@@ -66,7 +68,9 @@ def read_free(text: TextFile, at: int, count: int | None = None) -> np.ndarray:
     if count not in (None, len(words)):
         raise text.error(f"the header states {count} values, but {len(words)} follow")
     if not text.ends:
-        raise text.error("no line end follows the last number: add one if the file is complete")
+        raise text.error(
+            "no line end follows the last number: add one if the file is complete"
+        )
     return convert_words(
         text, words, lambda: [k for k, line in enumerate(lines, at + 1) for _ in line.split()]
     )
