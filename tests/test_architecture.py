@@ -65,7 +65,7 @@ CODE_LINES = {
     "numerics": 774,
     "resonance": 1752,
     "ground_motion": 1481,
-    "ground_motion/files": 890,
+    "ground_motion/files": 891,
     "driven": 3326,
     "steady": 1001,
     "overturning": 665,

@@ -92,7 +92,8 @@ def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None
     data = np.asarray(trace.data)
     if np.ma.is_masked(trace.data) or data.ndim != 1 or data.dtype.kind not in "fiu":
         raise ValueError(
-            f"{argument} must be a row of real numbers without gaps, got {data.dtype} of shape {data.shape}"
+            f"{argument} must be a row of real numbers without gaps, got {data.dtype} of shape"
+            f" {data.shape}"
         )
     return Component(argument, factor * data.astype(float), float(stats.delta))
 
