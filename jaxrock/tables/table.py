@@ -7,6 +7,7 @@ else by the semicolons, tabs or commas of the line of heads. Beside semicolons a
 may stand behind commas.
 """
 
+import contextlib
 import csv
 import functools
 import math
@@ -127,37 +128,28 @@ class Table:
 
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
         """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
-        values = self._read_quickly(columns)
-        if values is None:
-            rows = self.rows
-            last = rows[-1].line if rows else self.line
-            if last - self.line != len(rows):
-                raise self.text.error(
-                    "samples were expected in all lines up to the end: an empty line or a comment"
-                    " is between them",
-                    last,
-                )
-            values = np.array([[self.require_number(row, k) for k in columns] for row in rows])
+        head, *lines = self.text.lines[self.line - 1 :]
+        sign = self.separator
+        if sign != "," and any("," in line for line in lines):
             self.require_one_decimal_sign(columns)
-        return values.reshape(-1, len(columns)).T
-
-    def _read_quickly(self, columns: Sequence[int]) -> np.ndarray | None:
-        """Read columns of plain numbers; None if anything is unusual."""
-        lines = self.text.lines[self.line :]
-        if len(lines) < 2:
-            raise self.text.error("at least two rows of samples were expected", self.line)
-        between = len(self.heads) - 1
-        if {line.count(self.separator) for line in lines} != {between}:
-            return None
-        try:
-            rows = np.loadtxt(
-                lines, delimiter=self.separator, comments=None, usecols=columns, ndmin=2
-            )
-        # Decimals may stand behind commas.
-        except ValueError:
-            return None
-        # It passes over empty lines, which samples must not have.
-        return rows if len(rows) == len(lines) and np.isfinite(rows).all() else None
+            lines = [line.replace(",", ".") for line in lines]
+        # `loadtxt` passes over empty lines, which samples must not have, and cells too many.
+        if {line.count(sign) for line in lines} == {head.count(sign)}:
+            with contextlib.suppress(ValueError):
+                values = np.loadtxt(
+                    lines,
+                    delimiter=sign,
+                    comments=None,
+                    usecols=columns,
+                    ndmin=2,
+                    quotechar='"',
+                )
+                if len(values) == len(lines) > 1 and np.isfinite(values).all():
+                    return values.T
+        for row in self.rows:
+            for column in columns:
+                self.require_number(row, column)
+        raise self.error("samples were expected in all lines below, and at least two")
 
     def require_number(self, row: Row, column: int) -> float:
         """Convert a cell to a finite number; an error that names the column if it is none."""

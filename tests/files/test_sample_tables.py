@@ -35,7 +35,7 @@ def rows(heads, *columns, separator=",", step=0.01):
 
 
 SHEET = rows("Zeit;Kräfte", VALUES, separator=";").replace(
-    "Zeit;Kräfte", "Versuch 7: Düse\n;\n\ntime [s];acc (cm/s²);"
+    "Zeit;Kräfte", "Versuch 7: Düse\n;\n\ntime [s];acc (cm/s²)"
 )
 
 
