@@ -1,6 +1,7 @@
 """Records in tables: what a head states is read, what it does not state is asked for."""
 
 import os
+import re
 import subprocess
 import sys
 
@@ -35,7 +36,7 @@ def rows(heads, *columns, separator=",", step=0.01):
 
 
 SHEET = rows("Zeit;Kräfte", VALUES, separator=";").replace(
-    "Zeit;Kräfte", "Versuch 7: Düse\n;\n\ntime [s];acc (cm/s²)"
+    "Zeit;Kräfte", "Versuch 7: Düse\n;\n\ntime [s];acc (cm/s²);"
 )
 
 
@@ -45,7 +46,7 @@ SHEET = rows("Zeit;Kräfte", VALUES, separator=";").replace(
         (rows("time [s],acceleration [g]", VALUES), {}, G),
         (rows("# made\nTime (s),A_X [mg]", VALUES), {"time_step": 0.01}, G / 1000),
         (rows("t [ms]\tacc-ns [m/s2]", VALUES, step=10, separator="\t"), {}, 1),
-        (SHEET.replace(".", ",").replace("\n0,", ";\n0,"), {}, 0.01),
+        (re.sub(r"(?m)^(0.*)$", r"\1;", SHEET.replace(".", ",")), {}, 0.01),
         (rows("sep=;\nt [s];north [cm/s/s]", VALUES, separator=";"), {}, 0.01),
         (rows("time [s],acc,note", VALUES, VALUES), {"unit": "gal"}, 0.01),
         (rows("t,acc 270 [%g]", VALUES), {"time_step": 0.01}, G / 100),
