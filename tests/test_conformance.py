@@ -142,10 +142,8 @@ def test_the_page_reads_the_table(capsys):
 @pytest.mark.parametrize("name", conformance.RECORDS)
 def test_files_are_the_motions(folder, name):
     motion = conformance.make_records()[name]
-    vertical = "vertical_m_per_s2" if motion.vertical is not None else None
-    read = jr.read_record(
-        folder / name, unit="m/s2", column="acceleration_m_per_s2", vertical=vertical
-    )
+    vertical = None if motion.vertical is None else "up"
+    read = jr.read_record(folder / name, vertical=vertical)
     np.testing.assert_array_equal(read.acceleration, motion.acceleration)
     assert float(read.time_step) == pytest.approx(0.01, rel=1e-12)
     if vertical:

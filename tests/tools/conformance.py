@@ -3,8 +3,8 @@
 The table itself is ``jaxrock/data/conformance.json``, which the page ``docs/conformance.md`` is
 about. Here it becomes files for programs that read no Python: ``cases.json``, the same with the
 version of jaxrock and each case with all fields; ``cases.csv``, the same cases, one a line, empty
-where the JSON has null; and the ground motions, ``time_s,acceleration_m_per_s2`` and, where
-there is one, ``vertical_m_per_s2``. ``tests/references/conformance_with_scipy.py`` computes the
+where the JSON has null; and the ground motions, ``time [s],acceleration [m/s2]`` and, where
+there is one, ``vertical acceleration [m/s2]``. ``tests/references/conformance_with_scipy.py`` computes the
 cases from these files alone.
 """
 
@@ -64,11 +64,11 @@ def write(folder: Path) -> int:
     _write_csv(folder / "cases.csv", list(content["fields"]), rows)
     for name, motion in make_records().items():
         columns = {
-            "time_s": np.arange(motion.samples) * float(motion.time_step),
-            "acceleration_m_per_s2": np.asarray(motion.acceleration),
+            "time [s]": np.arange(motion.samples) * float(motion.time_step),
+            "acceleration [m/s2]": np.asarray(motion.acceleration),
         }
         if motion.vertical is not None:
-            columns["vertical_m_per_s2"] = np.asarray(motion.vertical)
+            columns["vertical acceleration [m/s2]"] = np.asarray(motion.vertical)
         rows = zip(*(column.tolist() for column in columns.values()), strict=True)
         _write_csv(folder / name, list(columns), rows)
     return len(content["cases"])
