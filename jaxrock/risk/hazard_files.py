@@ -177,6 +177,8 @@ def _read_levels(
         raise table.error(f"unit is {unit.words!r}, but the head states {words}")
     table.heads[level] = head._replace(unit=head.unit or unit)
     kind, years = _find_frequency(names[frequency]) or ("", 0.0)
+    if kind == "probability" and not table.heads[frequency].unit:
+        raise table.error(f"write {names[frequency]!r} with [%], or [-] for a fraction")
     columns = {names[level]: _LEVELS[measure], names[frequency]: _FREQUENCIES[kind]}
     values = read_columns(table, columns).values
     return Curve(

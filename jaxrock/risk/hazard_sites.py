@@ -108,6 +108,8 @@ def _choose_row(
     table: Table, site: tuple[float | int, float | int] | None, columns: Sequence[int]
 ) -> Row:
     """Choose the line of the site, or the only one."""
+    if site is not None and np.shape(site) != (2,):
+        raise ValueError(f"site must be a longitude and a latitude, got {site!r}")
     places = [[table.require_number(row, k) for k in columns] for row in table.rows]
     near = [
         row

@@ -1,6 +1,5 @@
 """Schemas: which columns a table has, what their units measure, and what their cells may be."""
 
-import difflib
 import math
 import os
 from collections.abc import Mapping
@@ -21,7 +20,6 @@ _FLAGS = {
 _EXAMPLES = ("m", "s", "rad", "m/s2", "m/s", "1/yr", "yr")
 _MAX_FAULTS = 20  # that one error names
 _SHORTEST = 4  # letters of a name of which another word may be a misspelling
-_ALIKE = 0.8  # as words are that differ by a letter
 
 
 class Column(NamedTuple):
@@ -164,7 +162,7 @@ def _find_columns(table: Table, columns: Mapping[str, Column]) -> dict[str, int]
     ]
     known = [word for words in absent for word in words if len(word) >= _SHORTEST]
     for place, head in enumerate(table.heads):
-        near = difflib.get_close_matches(head.name.lower(), known, 1, _ALIKE)
+        near = [word for word in known if _is_one_letter_away(head.name.lower(), word)]
         if near and place not in places.values():
             words = quote_word(head.words)
             raise table.error(f"column {words} is unknown: is {near[0]!r} meant?")
@@ -189,3 +187,12 @@ def _print_head(name: str, dimension: str) -> str:
     """Print the head of a column with an example of its unit."""
     unit = next((unit for unit in _EXAMPLES if parse_unit(unit).dimension == dimension), "")
     return f"{name} [{unit}]" if unit else name
+
+
+def _is_one_letter_away(word: str, known: str) -> bool:
+    """Return whether a letter is added, missing or another one, or exchanged with the next."""
+    alike = [a == b for a, b in zip(word, known, strict=False)]
+    k = [*alike, False].index(False)
+    end, right = word[k:], known[k:]
+    is_exchanged = end[1::-1] + end[2:] == right
+    return end[1:] == right[1:] or end[1:] == right or end == right[1:] or is_exchanged

@@ -74,7 +74,11 @@ class Table:
             # A tab after "sep=" may have been stripped with the blanks at the end of the line.
             found = next((sign for sign in ";\t," if sign in words), ",")
             self.separator = (stated[1] or "\t") if stated else found
-            cells = [cell.strip() for cell in words.split(self.separator)]
+            try:
+                cells = _split_line(words, self.separator)
+            # In a title a quote may stand alone.
+            except csv.Error:
+                cells = [words]
             # Spreadsheets end lines with separators of empty cells.
             while len(cells) > 1 and not cells[-1]:
                 del cells[-1]
@@ -128,13 +132,13 @@ class Table:
 
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
         """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
-        head, *lines = self.text.lines[self.line - 1 :]
         sign = self.separator
-        if sign != "," and any("," in line for line in lines):
-            self.require_one_decimal_sign(columns)
-            lines = [line.replace(",", ".") for line in lines]
+        lines = [words for words in self.text.lines[self.line :] if not _is_comment(words)]
+        while lines and not lines[-1].strip(f"{sign} "):
+            del lines[-1]
         # `loadtxt` passes over empty lines, which samples must not have, and cells too many.
-        if {line.count(sign) for line in lines} == {head.count(sign)}:
+        between = self.text.lines[self.line - 1].count(sign)
+        if {line.count(sign) for line in lines} == {between}:
             with contextlib.suppress(ValueError):
                 values = np.loadtxt(
                     lines,
@@ -146,10 +150,13 @@ class Table:
                 )
                 if len(values) == len(lines) > 1 and np.isfinite(values).all():
                     return values.T
-        for row in self.rows:
-            for column in columns:
-                self.require_number(row, column)
-        raise self.error("samples were expected in all lines below, and at least two")
+        values = np.array(
+            [[self.require_number(row, k) for k in columns] for row in self.rows]
+        )
+        self.require_one_decimal_sign(columns)
+        if not 1 < len(values) == len(lines):
+            raise self.error("samples were expected in all lines below, and at least two")
+        return values.T
 
     def require_number(self, row: Row, column: int) -> float:
         """Convert a cell to a finite number; an error that names the column if it is none."""

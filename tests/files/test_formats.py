@@ -96,7 +96,9 @@ def test_at2_that_states_no_unit(tmp_path):
         ("RSN1_X_YDWN", "a, b", "down"),
         ("RSN1_X_IU.CCM.BHZ.00", "a", "up"),
         ("ABBAR--V", "a", "up"),
-        ("BACKUP", "a, b, 140", "up"),
+        ("BACKUP", "a, b, 140", ""),
+        ("BACKUP", "a", "up"),
+        ("rsn1_a-up", "a", "up"),
         ("backup", "a, b, S26W", ""),
         ("x_khz", "a", ""),
         ("x090", "a, b, DWN", "down"),
@@ -119,7 +121,7 @@ RSN8123_CCHURCH_RHSCN86W CI.CLC.HNE RSN8000_X_NZ.REHS.BHN.00 cloud setup record_
 
 def test_stations_by_the_names_of_their_files(tmp_path):
     for k, name in enumerate(VERTICAL.split()):
-        write(tmp_path, f"{name}.AT2", make_at2((k + 1) * UPWARD))
+        write(tmp_path, f"{name}.AT2", make_at2((k + 1) * UPWARD, "a"))
     for name in HORIZONTAL.split():
         write(tmp_path, f"{name}.AT2", make_at2())
     assert set(jr.read_suite(tmp_path).names) == set(HORIZONTAL.split())
@@ -136,7 +138,7 @@ def test_stations_by_the_names_of_their_files(tmp_path):
 
 def test_a_folder_of_peer(tmp_path):
     for name, values in {"CLS000": FIRST, "CLS090": SECOND, "CLS-UP": UPWARD}.items():
-        write(tmp_path, f"RSN753_LOMAP_{name}.AT2", make_at2(values))
+        write(tmp_path, f"RSN753_LOMAP_{name}.AT2", make_at2(values, "a"))
     for name in ("RSN753_LOMAP_CLS000.VT2", "._RSN753_LOMAP_CLS000.AT2", "_readME.txt"):
         write(tmp_path, name, "no record\n")
     write(tmp_path, "_SearchResults.csv", " PEER Ground Motion Database\nMagnitude Min:,6.5\n")
@@ -151,7 +153,7 @@ def test_a_folder_of_peer(tmp_path):
         ValueError, match=r"AND000.AT2': one vertical component was expected, got 0"
     ):
         jr.read_suite(tmp_path, vertical=True)
-    write(tmp_path, "RSN754_LOMAP_ANDDWN.AT2", make_at2())
+    write(tmp_path, "RSN754_LOMAP_ANDDWN.AT2", make_at2(title="a"))
     with pytest.raises(ValueError, match="points down"):
         jr.read_suite(tmp_path, vertical=True)
 
@@ -172,7 +174,7 @@ def test_vertical_components_in_other_files(tmp_path):
     np.testing.assert_allclose(suite[1].vertical, UPWARD / 100)
     record = jr.read_record(tmp_path / name, vertical=upward)
     np.testing.assert_allclose(record.vertical, UPWARD / 100)
-    with pytest.raises(ValueError, match="column must be given, one of its components: 'HNZ'"):
+    with pytest.raises(ValueError, match="column must be given; its components are 'HNZ'"):
         jr.read_record(upward)
     np.testing.assert_allclose(jr.read_record(upward, column="up").acceleration, UPWARD / 100)
 
@@ -201,3 +203,31 @@ def test_other_files(tmp_path):
     for path in (tmp_path, tmp_path / "nothing.AT2"):
         with pytest.raises(ValueError, match=r"folder|cannot be read"):
             jr.read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("network", "old", "new"),
+    [
+        ("AT2", "DT=   .0050 SEC", "DT=   .0050 SE4"),
+        ("AT2", "DT=   .0050 SEC", "DT=   . SEC"),
+        ("ESM", "0.005000", "nan"),
+        ("ESM", "PGA_CM/S^2: ", "PGA_CM/S^2: absent"),
+        ("CSMIP volume 1", "at 200 pts/sec", "at 0 pts/sec"),
+        ("CSMIP volume 2", "at  .005 sec", "at  . sec"),
+        ("SMC", "2.0000000E+02", "0.0000000E+00"),
+    ],
+)
+def test_numbers_of_headers(tmp_path, network, old, new):
+    sample = NETWORKS[network]
+    path = write(tmp_path, sample.name, sample.content.replace(old, new, 1))
+    assert old in sample.content
+    with pytest.raises(ValueError, match=re.escape(sample.name)):
+        jr.read_record(path, column=next(iter(sample.components)) or None)
+
+
+def test_an_at2_file_with_a_header_of_three_lines(tmp_path):
+    content = make_at2().replace("PEER NGA STRONG MOTION DATABASE RECORD\n", "")
+    path = write(tmp_path, "a.AT2", content)
+    with pytest.raises(ValueError, match="unit is 'gal', but the file states 'G'"):
+        jr.read_record(path, unit="gal")
+    assert jr.read_record(path).samples == POINTS

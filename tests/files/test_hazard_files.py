@@ -49,10 +49,10 @@ TABLES = [
     # From the highest level down.
     ("return period [yr],PGA [g]\n1000,1\n475,.1\n", {}, ([0.1, 1], [1 / 475, 1e-3])),
     ("PGA [g],probability of exceedance in 50 years [%]\n.1,10\n1,10.0\n2,0\n", {}, FLAT),
-    ("Sa [g]\tpoe_in_50_yr\tPGA [g]\n9\t0.1\t.1\n9\t0.1\t1\n9\t0\t2\n", {}, FLAT),
+    ("Sa [g]\tpoe_in_50_yr [-]\tPGA [g]\n9\t0.1\t.1\n9\t0.1\t1\n9\t0\t2\n", {}, FLAT),
     # A probability of 1 has no rate: the curve begins above it.
     ("pga [g],probability in 50 years [-]\n.01,1\n.05,1.0\n.1,0.1\n1,0.1\n2,0\n", {}, FLAT),
-    ("pga [g],poe in 1 year\n.1,1e-9\n1,1e-12\n", {}, ([0.1, 1], [1.0000000005e-9, 1e-12])),
+    ("pga [g],poe in 1 year [-]\n.1,1e-9\n1,1e-12\n", {}, ([0.1, 1], [1.0000000005e-9, 1e-12])),
     ("pgv [m/s],TR [yr],pga [g],std\n1,475,0.1,9\n2,1000,1,9\n", PGA, ([0.1, 1], [1 / 475, 1e-3])),
 ]  # fmt: skip
 
@@ -120,7 +120,7 @@ REFUSED = [
     ("pga [g],poe in 9 years [%]\n1,110\n2,1\n", {}, ", line 2: column 'poe in .* got '110'"),
     (f"{HEAD}\n3,1\n2,.1\n1,2\n", {}, ": rates must not rise with the level, got 1 after 0.1"),
     (f"{HEAD}\n.8,.1\n.5,.2\n.9,0\n", {}, ": levels must increase, got 4.9\\d* after"),
-    ("pga [g],poe in 9 years\n1,.1\n2,1\n3,.1\n", {}, ": rates must be finite and"),
+    ("pga [g],poe in 9 years [-]\n1,.1\n2,1\n3,.1\n", {}, ": rates must be finite and"),
     (f"{HEAD}\n0.1,2.345E-02\n0.2,1.345E-0", {}, ": rates must not rise"),
     (SITES, {}, ": site must be .* one of its 2 curves, .* -122.4 37.75, .* got none"),
     (SITES, {"site": (1, 2)}, ": site must be .* got 1 2"),

@@ -124,7 +124,7 @@ GOOD = rows("time [s],acc [g]", np.round(np.linspace(-1, 1, 40) ** 3, 4))
         ("time [s]", "time", "time \\[s\\]"),
         ("0.05,", "0.06,", "equal steps"),
         ("0.05,", "\n0.05,", "all lines"),
-        ("0.05,", "# 0.05,", "all lines"),
+        ("0.05,", "# 0.05,", "equal steps"),
         ("0.05,", "0.05,,", "2 cells"),
         ("0.05,", "0,05,", "2 cells"),
         ("0.05,", "0.05;", "cells"),
@@ -239,3 +239,31 @@ def test_reading_needs_nothing_heavy():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert not {"pandas", "obspy", "xarray"} & set(done.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        (rows("time [s],ch1 [g],ch2 [g]", VALUES, VALUES), "column names another one"),
+        (rows("time [s],acc l,acc r", VALUES, VALUES), "column names another one"),
+        (rows("time [s],acc -z [g]", VALUES), "column names another one"),
+        (rows("time [s],t [ms],acc [g]", 10 * np.arange(4), VALUES), "one column of times"),
+        (rows("time [s],acc [g]", VALUES).replace("0.02", "\n0.02"), "all lines"),
+    ],
+)
+def test_what_is_not_clear(write, content, part):
+    with pytest.raises(ValueError, match=part):
+        jr.read_suite([write(content)], unit="g", time_step=0.01)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda table: table.replace("time [s],acc [g]", '"time [s]","acc [g]"'),
+        lambda table: table.replace("acc [g]\n", "acc [g]\n# a comment\n"),
+        lambda table: f"{table},\n,\n\n",
+    ],
+)
+def test_what_spreadsheets_add(write, change):
+    record = jr.read_record(write(change(rows("time [s],acc [g]", VALUES))))
+    np.testing.assert_allclose(record.acceleration, G * VALUES)

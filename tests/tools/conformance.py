@@ -4,8 +4,8 @@ The table itself is ``jaxrock/data/conformance.json``, which the page ``docs/con
 about. Here it becomes files for programs that read no Python: ``cases.json``, the same with the
 version of jaxrock and each case with all fields; ``cases.csv``, the same cases, one a line, empty
 where the JSON has null; and the ground motions, ``time [s],acceleration [m/s2]`` and, where
-there is one, ``vertical acceleration [m/s2]``. ``tests/references/conformance_with_scipy.py`` computes the
-cases from these files alone.
+there is one, ``vertical acceleration [m/s2]``. ``tests/references/conformance_with_scipy.py``
+computes the cases from these files alone.
 """
 
 import csv

@@ -7,16 +7,24 @@ write after them, order number of values and step in other ways.
 import re
 
 from ...tables import TextFile, parse_unit
-from .components import Caller, Component, Direction, NotAcceleration, make_component
+from .components import (
+    Caller,
+    Component,
+    Direction,
+    NotAcceleration,
+    find_direction,
+    make_component,
+    require_number,
+)
 from .fields import read_free
 
 _HEADER_LINES = 20  # at most; usually there are four
 _POINTS = r"\bNPTS *= *(\d+)|^\s*(\d+)[\s,]+\S+[\s,]+NPTS"
-_STEP = r"\bDT *= *([\d.E-]+) *([A-Z]*)|^\s*\d+[\s,]+([\d.E-]+)"
-_CONTENTS = r"\b(ACC|VEL|DIS|SPECTR)\w*"
+_STEP = r"\bDT *= *([\d.E+-]+) *([A-Z]*)|^\s*\d+[\s,]+([\d.E+-]+)"
+_CONTENTS = r"\b(ACC|VEL|DISP|SPECTR)\w*"
 _UNIT = r"\bUNITS OF ([^\s.,;]+)"
-# The last part of the file's name, perhaps with the code of a location behind.
-_VERTICAL = r"(?:-(?:UP|DWN|UD|V)|UP|DWN|UD|Z)(?:\.\d\d)?$"
+# The end of the file's name, perhaps with the code of a location behind.
+_VERTICAL = r"(-(?i:UP|DWN|UD|V)|UP|DWN|UD|Z)(?:\.\d\d)?$"
 
 
 def read_at2(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], int]:
@@ -28,7 +36,7 @@ def read_at2(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], i
     if points is None or step is None:
         raise text.error("'NPTS= ..., DT= ...' or '... NPTS, DT' was expected in an .AT2 file")
     # In the title any word may stand.
-    stated = "\n".join(head[2:at])
+    stated = "\n".join(head[min(2, at - 1) : at])
     contents = re.search(_CONTENTS, stated)
     if contents and contents[1] != "ACC":
         raise NotAcceleration(str(text.error(f"its header states {contents[0].lower()}")))
@@ -40,16 +48,14 @@ def read_at2(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], i
         caller,
         read_free(text, at + 1, int(points[1] or points[2])),
         unit=unit[1] if unit else "",
-        step=float(step[1] or step[3]) * seconds.factor,
+        step=require_number(text, step[1] or step[3], at + 1) * seconds.factor,
         direction=_find_direction(text, head[min(1, at)]),
     )
     return [component], len(text.lines)
 
 
 def _find_direction(text: TextFile, title: str) -> Direction:
-    """Find the direction that the end of the title states, or the last part of the file's name."""
+    """Find the direction that the end of the title states, or else of the file's name."""
+    word = title.rpartition(",")[2].partition("(")[0].strip(" .")
     end = re.search(_VERTICAL, text.path.stem)
-    word = title.rpartition(",")[2].partition("(")[0].strip()
-    if word in ("DOWN", "DWN") or (end and "DWN" in end[0]):
-        return "down"
-    return "up" if end or word in ("UP", "UD", "V", "Z", "VERT") else ""
+    return find_direction(word) or find_direction(end[1].lstrip("-") if end else "")

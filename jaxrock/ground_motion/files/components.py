@@ -23,7 +23,7 @@ _SAME_PEAK = 1e-4
 _LARGEST_PGA = 20 * 9.80665
 # Names of channels, and of the axes of columns. An azimuth is level.
 _WORDS: dict[Direction, str] = {
-    "up": "up u ud v z 3 vertical",
+    "up": "up u ud v z 3 vertical vert ver vrt",
     "down": "down dn dwn",
     "level": "north east south west n e s w ns ew h1 h2 1 2 x y l t r",
 }
@@ -32,7 +32,7 @@ DIRECTIONS: dict[str, Direction] = {
 }
 _AZIMUTH = re.compile(r"h?\d{2,3}|[ns]\d{1,2}[ew]|0")
 # A channel of SEED ends in its direction; KiK-net adds the number of its sensor.
-_SEED = re.compile(r"[a-z][hlgn]([zne12xy])|(ns|ew|ud)[12]")
+_SEED = re.compile(r"[behs][hlgn]([zne12xy])|(ns|ew|ud)[12]")
 
 
 class NotAcceleration(ValueError):
@@ -63,6 +63,8 @@ class Caller(NamedTuple):
         step = self.step if stated is None else stated
         if step is None:
             raise file.error("no time step is stated: give time_step, in s")
+        if not 0 < step < math.inf:
+            raise file.error(f"a time step must be finite and greater than 0, got {step:g} s")
         if not math.isclose(step, self.step or step, rel_tol=UNIFORM):
             raise file.error(f"time_step is {self.step:g} s, but the file states {step:g} s")
         return step
@@ -116,10 +118,9 @@ def require_peak(
     """Refuse values [m/s2] whose peak is not the printed one, with any sign; empty for none."""
     if not word:
         return
+    stated = abs(require_number(file, word, line))
     mantissa, _, exponent = word.lower().partition("e")
     digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
-    number = as_number(word)
-    stated = math.nan if number is None else abs(number)
     peak = float(abs(values).max(initial=0.0)) / convert_unit(unit)
     # Some programs cut a peak instead of rounding it.
     if not abs(peak - stated) <= 1.01 * digit + _SAME_PEAK * stated:
@@ -127,6 +128,19 @@ def require_peak(
             f"the header states a peak of {word} {unit}, but that of the values is {peak:.6g}",
             line,
         )
+
+
+def require_number(file: NamedFile, word: str, line: int = 0) -> float:
+    """Convert a word of a header to a number; a `ValueError` if it is none."""
+    number = as_number(word)
+    if number is None:
+        raise file.error(f"a number was expected in the header, got {word!r}", line)
+    return number
+
+
+def invert(rate: float) -> float:
+    """Convert a sampling rate to a time step, infinite for 0."""
+    return 1 / rate if rate else math.inf
 
 
 def find_direction(channel: str) -> Direction:

@@ -9,7 +9,7 @@ https://www.conservation.ca.gov/cgs/pages/program-smi/reports/other/osms85-03.as
 import re
 
 from ...tables import TextFile
-from .components import Caller, Component, make_component, require_peak
+from .components import Caller, Component, invert, make_component, require_number, require_peak
 from .fields import find, get_line, read_fixed, read_format
 
 CSMIP_TITLE = r"^\s*(?:un)?corrected accelerogram"
@@ -31,12 +31,13 @@ def read_csmip(text: TextFile, caller: Caller, top: int) -> tuple[list[Component
     at = top + length
     components = []
     while not re.match(r"\W*end of data", get_line(text, at, "'End of data'"), re.I):
-        number, quantity = find(text, at, _POINTS, "'7200 points of accel data ...'").groups()
+        points, quantity = find(text, at, _POINTS, "'7200 points of accel data ...'").groups()
         if re.search(r"\(\d", text.lines[at]):
             layout = read_format(text, at)
-        values, end = read_fixed(text, at + 1, int(number), layout)
+        values, end = read_fixed(text, at + 1, int(points), layout)
         if quantity.lower() == "accel":
             step, per_second = find(text, at, _STEP, "a time step").groups()
+            number = require_number(text, step, at + 1)
             unit = find(text, at, _UNIT, "a unit")
             peak, peak_unit = find(text, top + peak_line, _PEAK, "a peak").groups()
             component = make_component(
@@ -44,7 +45,7 @@ def read_csmip(text: TextFile, caller: Caller, top: int) -> tuple[list[Component
                 caller,
                 values,
                 unit=(unit[1] or unit[2]).strip("."),
-                step=1 / float(step) if per_second else float(step),
+                step=invert(number) if per_second else number,
                 channel=find(text, top + channel_line, _CHANNEL, "'Chan 1: 360 Deg'")[1],
             )
             require_peak(text, component.values, peak, peak_unit, top + peak_line + 1)

@@ -52,7 +52,6 @@ FORMATS = (
     Format("CSMIP", (".v1", ".v2", ".raw"), CSMIP_TITLE, read_csmip),
     Format("SMC", (".smc",), SMC_TITLE, read_smc),
     Format("K-NET", KNET_SUFFIXES, KNET_TITLE, read_knet),
-    # Its files begin in any way.
     Format("AT2", (".at2",), "", read_at2),
 )
 
@@ -69,13 +68,15 @@ def read_components(path: Path, caller: Caller, *named: str) -> list[Component]:
         return read_samples(TextFile(path), caller, *named)
     file = NamedFile(path)
     content = file.read_content()
-    if path.suffix.lower() in TRACE_SUFFIXES or b"\0" in content[:_MANY]:
+    is_binary = b"\0" in content[:_MANY] and content[:2] not in (b"\xff\xfe", b"\xfe\xff")
+    if path.suffix.lower() in TRACE_SUFFIXES or is_binary:
         return read_traces(file, content, caller)
     text = TextFile(path, content)
     for known in FORMATS:
-        if re.match(known.title or "$", text.lines[0], re.I) or (
-            not known.title and path.suffix.lower() in known.suffixes
-        ):
+        # An .AT2 file begins in any way.
+        if known.title and re.match(known.title, text.lines[0], re.I):
+            break
+        if not known.title and path.suffix.lower() in known.suffixes:
             break
     else:
         names = ", ".join([".csv", "miniSEED", "SAC", *(known.name for known in FORMATS)])
@@ -154,8 +155,7 @@ def read_record(
     ValueError
         With file and line: if the file cannot be read, is of another format or contradicts
         itself or the arguments, if anything is missing or not a finite number, if the time
-        step is not uniform, if the last number is truncated, or if there are less than two
-        samples.
+        step is not uniform, or if there are less than two samples.
 
     Examples
     --------
@@ -212,4 +212,6 @@ def _choose(
         return fitting[0]
     names = quote_names(c.channel or c.direction for c in components)
     given = f"is {name!r}" if word else "must be given"
-    raise NamedFile(path).error(f"{argument} {given}, one of its components: {names}")
+    if word and argument == "vertical":
+        given += ", which is no file"
+    raise NamedFile(path).error(f"{argument} {given}; its components are {names}")

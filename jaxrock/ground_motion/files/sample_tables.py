@@ -4,12 +4,18 @@ What is an acceleration is told by its name: one of `_WORDS`, alone or with an a
 it, or an axis alone beside a unit of acceleration. Nothing else is one, unless a caller names it.
 """
 
+import re
+
 import numpy as np
 
 from ...tables import Head, Table, TextFile, quote_names
 from .components import UNIFORM, Caller, Component, Direction, NotAcceleration, find_direction
 
 _WORDS = ("acceleration", "acc", "a")
+_AXES = {"x", "y", "z", "1", "2", "3", "h1", "h2", "v", "ns", "ew", "ud", "n", "e"}
+_AXES |= {"north", "east", "up", "down"}
+# An azimuth, or a channel of SEED.
+_OTHER_AXES = re.compile(r"h?[0-3]\d\d|[behs][hlgn][zne12]")
 _TIMES = ("time", "Time", "TIME", "t")
 # Times whose steps differ by more than this fraction of a step leave out a sample.
 _COARSEST = 0.25
@@ -24,18 +30,19 @@ def read_samples(text: TextFile, caller: Caller, *named: str) -> list[Component]
 
     def has_samples(heads: list[Head]) -> bool:
         """Return whether heads name an acceleration, or what the caller names."""
-        return {*named} <= {head.words for head in heads} and any(
-            head.words in named or read_axis(head) for head in heads
-        )
+        return any(head.words in named or read_axis(head) for head in heads)
 
-    expected = quote_names(named) if named else "a column such as 'acceleration [g]'"
     try:
-        table = Table(text, has_samples, f"a line of heads with {expected}")
+        table = Table(text, has_samples, "a line with a head such as 'acceleration [g]'")
     except ValueError as error:
         raise NotAcceleration(
             f"{error}: column names another one; numbers without heads are"
             " jr.Record(np.loadtxt(path), time_step, unit=...)"
         ) from None
+    heads = quote_names(head.words for head in table.heads)
+    for name in named:
+        if name not in [head.words for head in table.heads]:
+            raise table.error(f"there is no column {name!r}: columns are {heads}")
     axes = {k: axis for k, head in enumerate(table.heads) if (axis := read_axis(head))}
     axes |= {
         k: ("", "") for k, h in enumerate(table.heads) if h.words in named and k not in axes
@@ -48,9 +55,9 @@ def read_samples(text: TextFile, caller: Caller, *named: str) -> list[Component]
         raise table.error(f"which is the acceleration of the ground? column names it: {names}")
     times = [k for k, head in enumerate(table.heads) if head.name in _TIMES and k not in axes]
     units = [unit for k in times if (unit := table.heads[k].unit) and unit.dimension == "time"]
-    if times and caller.step is None and len(units) != 1:
-        raise table.error("one column of times with its unit was expected, such as 'time [s]'")
-    times = times if len(units) == 1 == len(times) else []
+    if len(times) > 1 or (len(times) > len(units) and caller.step is None):
+        raise table.error(f"one column of times was expected, 'time [s]', got {heads}")
+    times = times if units else []
     values = table.read_samples([*axes, *times])
     step = find_step(text, units[0].factor * values[-1], table.line) if times else None
     step = caller.choose_step(text, step)
@@ -68,15 +75,14 @@ def read_axis(head: Head) -> tuple[str, Direction] | None:
     words = head.name.lower().replace("-", " ").split()
     kinds = [word for word in words if word in _WORDS]
     axes = [word for word in words if word not in kinds]
-    directions: list[Direction] = [find_direction(word) for word in axes]
-    is_known = bool(words) and len(kinds) < 2 and len(axes) < 2 and all(directions)
-    # An axis alone, such as n, says nothing without its unit, and neither does a.
-    is_stated = (
-        head.unit.dimension == "acceleration" if head.unit else kinds and words != ["a"]
-    )
-    if not (is_known and is_stated):
+    is_known = all(axis in _AXES or _OTHER_AXES.fullmatch(axis) for axis in axes)
+    # A minus sign is none of the signs between words.
+    if not words or len(kinds) > 1 or len(axes) > 1 or not is_known or " -" in head.name:
         return None
-    return "".join(kinds), directions[0] if directions else ""
+    # An axis alone, such as n, says nothing without its unit, and neither does a.
+    is_named = bool(kinds) and words != ["a"]
+    is_stated = head.unit.dimension == "acceleration" if head.unit else is_named
+    return ("".join(kinds), find_direction("".join(axes))) if is_stated else None
 
 
 def find_step(text: TextFile, times: np.ndarray, line: int) -> float:

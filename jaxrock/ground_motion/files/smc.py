@@ -12,6 +12,7 @@ from .components import (
     Component,
     Direction,
     NotAcceleration,
+    invert,
     make_component,
     require_peak,
 )
@@ -57,7 +58,7 @@ def read_smc(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], i
         caller,
         values,
         unit="cm/s2",
-        step=1 / float(reals[_RATE]),
+        step=invert(float(reals[_RATE])),
         channel=channel[1] if channel else "",
         direction=_TILTS.get(int(integers[_TILT])),
     )

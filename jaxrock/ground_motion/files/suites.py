@@ -15,7 +15,10 @@ from .records import StrPath, list_suffixes, read_components
 
 # In these parts the names of a horizontal and of a vertical component of a station may differ.
 _VERTICAL_PART = r"[-_. ]*(up|dwn|ud|v|z|ver)"
-_LEVEL_PART = r"[-_. ]*(\d{1,3}|[a-z]{1,2}|[ns]\d\d[ew])"
+_LEVEL_PARTS = (
+    r"[-_. ]*(\d{3}|[ns]\d\d[ew]|ns|ew)",
+    r"[-_. ]+([a-z]{1,2}|\d{1,2})",
+)
 _BOREHOLE = (".ns1", ".ew1", ".ud1")
 
 
@@ -31,8 +34,8 @@ def read_suite(
     Every horizontal component becomes a record: one or two columns of a ``.csv`` file, each
     horizontal channel of a file with several channels, and each file with one component. A
     component is vertical by a field of its file, by the axis in the head of its column, or, of an
-    ``.AT2`` file, by the last part of the file's name: ``-UP``, ``-DWN``, ``-UD``, ``-V``, or
-    ``UP``, ``DWN``, ``UD``, ``Z`` with nothing before it.
+    ``.AT2`` file, by the end of its title, or else by the end of its name: ``-UP``, ``-DWN``,
+    ``-UD``, ``-V``, ``UP``, ``DWN``, ``UD`` or ``Z``.
 
     In a folder, files with the ending of a known format are read in the order of their names,
     hidden files apart. Files that state to be no accelerations, tables without a column of
@@ -161,7 +164,10 @@ def _find_vertical(
         files = [other for other in components if _is_vertical_of(path.name, other.name)]
         found = [c for other in files for c in components[other] if c.direction in upright]
     if wanted and len(found) != 1:
-        raise NamedFile(path).error(f"one vertical component was expected, got {len(found)}")
+        raise NamedFile(path).error(
+            f"one vertical component was expected, got {len(found)}: read_record takes any file"
+            " as vertical="
+        )
     return found if wanted else []
 
 
@@ -171,6 +177,8 @@ def _is_vertical_of(level: str, vertical: str) -> bool:
         begin, end = (
             re.escape(vertical[k]) for k in (slice(part.start()), slice(part.end(), None))
         )
-        if re.fullmatch(f"{begin}{_LEVEL_PART}{end}", level, re.I):
+        # Channels of SEED differ in their last letter.
+        level_parts = (*_LEVEL_PARTS, "[ne12xy]" if part[0].lower() == "z" else "(?!)")
+        if any(re.fullmatch(f"{begin}{p}{end}", level, re.I) for p in level_parts):
             return True
     return False
