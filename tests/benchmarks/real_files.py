@@ -88,30 +88,6 @@ def parse_csmip(lines):
             width = int(match["width"] or (9 if unit == "g" else 10))
             values = split_columns(lines[k + 1 :], width, int(match["points"]))
             components.append((FACTORS[unit] * values, step))
-    return components or parse_film(lines)
-
-
-def parse_film(lines):
-    """Pairs of time and acceleration below headers of 13, 7 and 7 lines, in five columns."""
-    components = []
-    for k, line in enumerate(lines):
-        if match := re.match(r"no\. of points\s*=\s*(\d+)", line.strip(), re.I):
-            unit = re.search(r"sec(?:onds)? and (\S+?)[.\s]", lines[k + 1] + " ", re.I)
-            values = split_columns(lines[k + 17 :], 7, 2 * int(match[1]))
-            components += take_pairs(values, FACTORS[unit[1].lower()])
-    return components
-
-
-def parse_bhrc(lines):
-    """Iran's BHRC: 16 lines of text, 17 of numbers, then ten values a line, in g/10."""
-    components = []
-    for k, line in enumerate(lines):
-        if match := re.match(
-            rf"no\. of points =\s*(\d+)\s+duration =\s*({NUMBER})", line, re.I
-        ):
-            top = next(n for n in range(k, len(lines)) if len(lines[n].split()) == 10)
-            values = read_words(lines[top : top + -(-int(match[1]) // 10)])
-            components.append((G / 10 * values, float(match[2]) / int(match[1])))
     return components
 
 
@@ -168,48 +144,6 @@ def parse_at2(lines):
     return [(G * read_words(values), float(step[1]))]
 
 
-def parse_bbp(lines):
-    """The Broadband Platform's files: names of the columns by blanks, three components."""
-    heads = [line for line in lines if "time(sec)" in line or "Column" in line]
-    if not any("cm/s/s" in line for line in heads):
-        return []
-    rows = np.loadtxt([line for line in lines if not line.lstrip().startswith(("#", "%"))])
-    return [(0.01 * row, rows[1, 0] - rows[0, 0]) for row in rows.T[1:]]
-
-
-def parse_plain(lines):
-    """Numbers alone, as OpenSees takes them; the user knows that they are g, 0.01 s apart."""
-    if lines[4:] and lines[4].split() == ["Time[s]", "Accel[g]"]:
-        return [(G * np.loadtxt(lines[5:])[:, 1], 0.01)]
-    return [(G * read_words([line for line in lines if "End" not in line]), 0.01)]
-
-
-def parse_two_columns(lines):
-    """Times and accelerations between blanks; the user knows that they are in cm/s2."""
-    times, values = np.loadtxt(lines).T
-    return [(0.01 * values, float(np.mean(np.diff(times))))]
-
-
-def parse_cwb(lines):
-    """Taiwan's weather bureau: comments, then time, up, north, east."""
-    rows = np.loadtxt([line for line in lines if line.strip() and not line.startswith("#")])
-    return [(0.01 * row, rows[1, 0] - rows[0, 0]) for row in rows.T[1:]]
-
-
-def parse_nsmn(lines):
-    """Turkey's network: keys, a line of names, three components in gal."""
-    step = next(float(line.split(":")[1]) for line in lines if "SAMPLING INTERVAL" in line)
-    top = next(k for k, line in enumerate(lines) if line.split() == ["N-S", "E-W", "U-D"])
-    return [(0.01 * row, step) for row in np.loadtxt(lines[top + 1 :]).T]
-
-
-def parse_unam(lines):
-    """UNAM's standard file 2.0: 109 lines of head, columns of ten characters in gal."""
-    key = "INTERVALO DE MUESTREO, C1-C6"
-    step = next(line for line in lines if line.startswith(key)).split("/")[1]
-    return [(0.01 * row, float(step)) for row in np.loadtxt(lines[109:]).T]
-
-
 def parse_traces(path):
     """SAC and miniSEED, by obspy; whole numbers are counts of an instrument."""
     import obspy
@@ -223,24 +157,18 @@ def parse_traces(path):
 # Its parser, and what a user who knows the files would say of unit and step.
 NETWORKS = {
     "at2": (parse_at2, {}),
-    "bbp": (parse_bbp, {}),
-    "bhrc": (parse_bhrc, {}),
     "cosmos": (parse_cosmos, {}),
     "csmip": (parse_csmip, {}),
-    "cwb": (parse_cwb, {}),
     "esm": (parse_esm, {}),
     "geonet": (parse_geonet, {}),
     "knet": (parse_knet, {}),
     "mseed": (parse_traces, {"unit": "m/s2"}),
-    "nsmn": (parse_nsmn, {}),
-    "opensees": (parse_plain, {"unit": "g", "time_step": 0.01}),
-    "renadic": (parse_film, {}),
     "sac": (parse_traces, {"unit": "m/s2"}),
     "smc": (parse_smc, {}),
-    "two_columns": (parse_two_columns, {"unit": "cm/s2"}),
-    "unam": (parse_unam, {}),
     "usc": (parse_csmip, {}),
 }
+# Where the plain parsers stop at what is no file of their format.
+STOPS = (ValueError, LookupError, AttributeError, NameError, TypeError, StopIteration)
 SITES = {"openquake": "poe-", "nshmp": ""}
 
 
@@ -270,21 +198,11 @@ def read_components(path, options):
     except ValueError as error:
         message = str(error)
         # The names of the components stand at the end of the message.
-        listed = re.search(
-            r"column (?:must be given|names a vertical one).*?: ('.*)$", message
-        )
+        listed = re.search(r"(?:components are|column names it:) ('.*)$", message)
         if not listed:
             raise
     names = re.findall(r"'([^']*)'", listed[1])
-    records = [jr.read_record(path, column=name, **options) for name in names]
-    if "column must be given" in message:
-        for direction in ("up", "down"):
-            try:
-                records.append(jr.read_record(path, column=direction, **options))
-            except ValueError:
-                # No such component.
-                continue
-    return records
+    return [jr.read_record(path, column=name, **options) for name in names]
 
 
 def compare_record(path, parse, options):
@@ -294,8 +212,7 @@ def compare_record(path, parse, options):
             components = parse(path)
         else:
             components = parse(path.read_text(encoding="latin-1").splitlines())
-    # The plain parsers stop at anything that is no file of their format.
-    except Exception:
+    except STOPS:
         components = []
     try:
         records = read_components(path, options)

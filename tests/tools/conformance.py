@@ -4,8 +4,8 @@ The table itself is ``jaxrock/data/conformance.json``, which the page ``docs/con
 about. Here it becomes files for programs that read no Python: ``cases.json``, the same with the
 version of jaxrock and each case with all fields; ``cases.csv``, the same cases, one a line, empty
 where the JSON has null; and the ground motions, ``time [s],acceleration [m/s2]`` and, where
-there is one, ``vertical acceleration [m/s2]``. ``tests/references/conformance_with_scipy.py``
-computes the cases from these files alone.
+there is one, ``acceleration up [m/s2]``. ``tests/references/conformance_with_scipy.py`` computes
+the cases from these files alone.
 """
 
 import csv
@@ -68,7 +68,7 @@ def write(folder: Path) -> int:
             "acceleration [m/s2]": np.asarray(motion.acceleration),
         }
         if motion.vertical is not None:
-            columns["vertical acceleration [m/s2]"] = np.asarray(motion.vertical)
+            columns["acceleration up [m/s2]"] = np.asarray(motion.vertical)
         rows = zip(*(column.tolist() for column in columns.values()), strict=True)
         _write_csv(folder / name, list(columns), rows)
     return len(content["cases"])

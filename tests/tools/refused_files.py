@@ -12,11 +12,3 @@ def check_refusal(path, message, read=jr.read_record, **options):
     with pytest.raises(ValueError, match=rf"^'[^']*{re.escape(path.name)}'{message}") as error:
         read(path, **options)
     assert "\n" not in str(error.value)
-
-
-def check_contradictions(path, unit, time_step, stated_unit, stated_step="the header states"):
-    """Read a file with another unit, and with another step, than its header states."""
-    check_refusal(path, f".*unit is '{unit}', but the header states {stated_unit}", unit=unit)
-    check_refusal(
-        path, f".*time_step is {time_step} s, but {stated_step}", time_step=time_step
-    )
