@@ -164,17 +164,17 @@ def _read_levels(
     often = [k for k, name in enumerate(names) if _find_frequency(name)]
     frequency = _choose_column(table, often, "rates, return periods or probabilities")
     head = table.heads[level]
-    words = quote_word(head.words)
+    label = quote_word(head.label)
     measure = measure or _MEASURES[names[level]]
     if not measure:
-        raise table.error(f"measure must be given, 'pga' or 'pgv', since {words} states none")
+        raise table.error(f"measure must be given, 'pga' or 'pgv', since {label} states none")
     if not (head.unit or unit):
         example = CONVENTIONS[measure]
         raise table.error(
-            f"unit must be given, such as {example!r}, since {words} states none"
+            f"unit must be given, such as {example!r}, since {label} states none"
         )
     if head.unit and unit and head.unit[1:] != unit[1:]:
-        raise table.error(f"unit is {unit.words!r}, but the head states {words}")
+        raise table.error(f"unit is {unit.spelling!r}, but the head states {label}")
     table.heads[level] = head._replace(unit=head.unit or unit)
     kind, years = _find_frequency(names[frequency]) or ("", 0.0)
     if kind == "probability" and not table.heads[frequency].unit:
@@ -189,6 +189,6 @@ def _read_levels(
 def _choose_column(table: Table, columns: Sequence[int], what: str) -> int:
     """Choose the only column of a kind."""
     if len(columns) != 1:
-        heads = quote_names(head.words for head in table.heads)
+        heads = quote_names(head.label for head in table.heads)
         raise table.error(f"one column of {what} was expected, got {len(columns)} in {heads}")
     return columns[0]

@@ -71,7 +71,7 @@ def read_site(
         raise table.text.error("unit must be given, 'g' for pga or 'cm/s' for pgv")
     if unit and unit[1:] != convention[1:]:
         raise table.text.error(
-            f"unit is {unit.words!r}, but {measure} is in {convention.words} in such files"
+            f"unit is {unit.spelling!r}, but {measure} is in {convention.spelling} in such files"
         )
     years = as_number(fields.get("investigation_time", "")) if is_openquake else 1.0
     if years is None or not POSITIVE.contains(np.asarray(years)):

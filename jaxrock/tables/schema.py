@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ _FLAGS = {
 }
 # Of each dimension that has to be stated, for messages.
 _EXAMPLES = ("m", "s", "rad", "m/s2", "m/s", "1/yr", "yr")
+# What cells of words must be.
+_ALLOWED = {"text": "given in each row", "flag": "yes or no"}
 _MAX_FAULTS = 20  # that one error names
 _SHORTEST = 4  # letters of a name of which another word may be a misspelling
 
@@ -42,17 +44,6 @@ class Column(NamedTuple):
     required: bool = False
     synonyms: tuple[str, ...] = ()
 
-    @property
-    def is_number(self) -> bool:
-        """Whether it has numbers."""
-        return self.dimension not in ("text", "flag")
-
-    @property
-    def allowed(self) -> str:
-        """What its cells must be, in words."""
-        words = {"text": "given in each row", "flag": "yes or no"}
-        return words.get(self.dimension, self.domain.allowed)
-
 
 class Contents(NamedTuple):
     """What a table holds: the values of all known columns by name, and unknown columns as words.
@@ -64,10 +55,16 @@ class Contents(NamedTuple):
     values: dict[str, np.ndarray]
     others: dict[str, list[str]]
 
-    def require(self, valid: np.ndarray, reason: str) -> None:
-        """Raise a `ValueError` with a line for each row that is not valid."""
-        lines = [self.table.rows[k].line for k in np.flatnonzero(~valid)]
-        _raise_faults(self.table, [(line, reason) for line in lines])
+    def require(self, valid: np.ndarray, reason: str, cells: Sequence[str] = ()) -> None:
+        """Raise a `ValueError` with a line for each row that is not valid, and perhaps its cell."""
+        rows = self.table.rows
+        faults = [
+            self.table.text.error(f"{reason}, got {cells[k]!r:.60}" if cells else reason, line)
+            for k, (line, _) in enumerate(rows)
+            if not valid[k]
+        ]
+        if faults:
+            raise ValueError("\n".join(map(str, faults[:_MAX_FAULTS])))
 
 
 def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> Contents:
@@ -76,15 +73,15 @@ def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> C
     Raises
     ------
     ValueError
-        With file and line, of all rows with a value that is missing, not understood or out of its
-        domain; of a column that is there twice, that states no unit or another one, or that is
-        unknown but one letter away from one that is not there.
+        With file and line, of all rows with a value that is missing, not understood or out of the
+        domain of a column; of a column that is there twice, that states no unit or another one,
+        or that is unknown but one letter away from one that is not there.
     """
-    required = [name for name, column in columns.items() if column.required]
-    printed = ", ".join(_print_head(name, columns[name].dimension) for name in required)
+    required = {name: column for name, column in columns.items() if column.required}
+    printed = ", ".join(_print_head(*item) for item in required.items())
     table = Table(
         TextFile(path),
-        lambda heads: {*required} <= {_find_name(head, columns) for head in heads},
+        lambda heads: required.keys() <= {_find_name(head, columns) for head in heads},
         f"a line with the columns {printed}",
     )
     return read_columns(table, columns)
@@ -92,89 +89,75 @@ def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> C
 
 def read_columns(table: Table, columns: Mapping[str, Column]) -> Contents:
     """Read the known columns of a table; errors as in `read_table`."""
-    places = _find_columns(table, columns)
+    positions = _find_columns(table, columns)
     rows = table.rows
     if not rows:
         raise table.error("at least one row was expected below the heads")
-    values: dict[str, np.ndarray] = {}
-    faults: list[tuple[int, str]] = []
-    for name, column in columns.items():
-        place = places.get(name)
-        cells = ["" if place is None else row.cells[place] for row in rows]
-        head = Head(name, name) if place is None else table.heads[place]
-        values[name], valid = _convert_cells(table, cells, column, head)
-        faults += [
-            (
-                rows[k].line,
-                f"column {quote_word(head.words)} must be {column.allowed}, got {cells[k]!r:.60}",
-            )
-            for k in np.flatnonzero(~valid)
-        ]
-    _raise_faults(table, faults)
-    table.require_one_decimal_sign([places[n] for n in places if columns[n].is_number])
     others = {
-        head.words: [row.cells[place] for row in rows]
-        for place, head in enumerate(table.heads)
-        if head.words and place not in places.values()
+        head.label: [row.cells[position] for row in rows]
+        for position, head in enumerate(table.heads)
+        if head.label and position not in positions.values()
     }
-    return Contents(table, values, others)
+    contents = Contents(table, {}, others)
+    for name, column in columns.items():
+        position = positions.get(name)
+        head = Head(name, name) if position is None else table.heads[position]
+        cells = ["" if position is None else row.cells[position] for row in rows]
+        factor = head.unit.factor if head.unit else 1.0
+        contents.values[name], valid = _convert_cells(table, cells, column, factor)
+        valid &= np.array([cell != "" for cell in cells]) | (not column.required)
+        allowed = _ALLOWED.get(column.dimension, column.domain.allowed)
+        contents.require(valid, f"column {quote_word(head.label)} must be {allowed}", cells)
+    numbers = [k for name, k in positions.items() if columns[name].dimension not in _ALLOWED]
+    table.require_one_decimal_sign(numbers)
+    return contents
 
 
 def _convert_cells(
-    table: Table, cells: list[str], column: Column, head: Head
+    table: Table, cells: list[str], column: Column, factor: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Convert the cells of a column; return the values, and which of them are valid."""
-    is_given = np.array([cell != "" for cell in cells]) | (not column.required)
+    """Convert the cells of a column; return the values, and which of them are understood."""
     if column.dimension == "text":
-        return np.array(cells, dtype=object), is_given
-    if not column.is_number:
+        return np.array(cells, dtype=object), np.ones(len(cells), bool)
+    if column.dimension == "flag":
         flags = [_FLAGS.get(cell.lower()) for cell in cells]
-        return np.array(flags, dtype=bool), is_given & [flag is not None for flag in flags]
+        return np.array(flags, dtype=bool), np.array([flag is not None for flag in flags])
     numbers = [table.parse_number(cell) if cell else math.nan for cell in cells]
-    values = np.array(numbers, dtype=float) * (head.unit.factor if head.unit else 1.0)
+    values = factor * np.array(numbers, dtype=float)
     # Programs write NaN for what is missing.
     is_missing = np.isnan(values) & [number is not None for number in numbers]
-    return values, is_given & (
-        column.domain.contains(values) | (is_missing & (not column.required))
-    )
-
-
-def _raise_faults(table: Table, faults: list[tuple[int, str]]) -> None:
-    """Raise a `ValueError` that names the first faults, with their lines, if there are any."""
-    if faults:
-        errors = [str(table.text.error(reason, line)) for line, reason in sorted(faults)]
-        raise ValueError("\n".join(errors[:_MAX_FAULTS]))
+    valid = column.domain.contains(values) | (is_missing & (not column.required))
+    return values, np.asarray(valid)
 
 
 def _find_columns(table: Table, columns: Mapping[str, Column]) -> dict[str, int]:
-    """Find the place of each column that is there."""
-    places: dict[str, int] = {}
-    for place, head in enumerate(table.heads):
+    """Find the position of each column that is there."""
+    positions: dict[str, int] = {}
+    for position, head in enumerate(table.heads):
         name = _find_name(head, columns)
-        if name in places:
-            raise table.error(f"column {quote_word(head.words)}: {name!r} is there already")
+        if name in positions:
+            raise table.error(f"column {quote_word(head.label)}: {name!r} is there already")
         if name:
-            places[name] = place
-            _require_unit(table, head, name, columns[name].dimension)
+            positions[name] = position
+            _require_unit(table, head, name, columns[name])
     # A misspelled name must not be passed over. Beside a height there may be a weight.
-    absent = [
-        (name, *column.synonyms) for name, column in columns.items() if name not in places
-    ]
-    known = [word for words in absent for word in words if len(word) >= _SHORTEST]
-    for place, head in enumerate(table.heads):
-        near = [word for word in known if _is_one_letter_away(head.name.lower(), word)]
-        if near and place not in places.values():
-            words = quote_word(head.words)
-            raise table.error(f"column {words} is unknown: is {near[0]!r} meant?")
-    return places
+    absent = [(name, *columns[name].synonyms) for name in columns if name not in positions]
+    known = [name for names in absent for name in names if len(name) >= _SHORTEST]
+    for head in table.heads:
+        parts = _drop_letters(head.name.lower())
+        near = [name for name in known if parts & _drop_letters(name)]
+        if near and not _find_name(head, columns):
+            label = quote_word(head.label)
+            raise table.error(f"column {label} is unknown: is {near[0]!r} meant?")
+    return positions
 
 
-def _require_unit(table: Table, head: Head, name: str, dimension: str) -> None:
+def _require_unit(table: Table, head: Head, name: str, column: Column) -> None:
     """Raise a `ValueError` if a column states no unit, or one of something else."""
     stated = head.unit.dimension if head.unit else ""
-    example = _print_head(name, dimension)
-    if stated != dimension and (head.unit or example != name):
-        raise table.error(f"column {quote_word(head.words)} was expected as {example!r}")
+    example = _print_head(name, column)
+    if stated != column.dimension and (head.unit or example != name):
+        raise table.error(f"column {quote_word(head.label)} was expected as {example!r}")
 
 
 def _find_name(head: Head, columns: Mapping[str, Column]) -> str:
@@ -183,16 +166,12 @@ def _find_name(head: Head, columns: Mapping[str, Column]) -> str:
     return next((n for n, c in columns.items() if plain == n or plain in c.synonyms), "")
 
 
-def _print_head(name: str, dimension: str) -> str:
+def _print_head(name: str, column: Column) -> str:
     """Print the head of a column with an example of its unit."""
-    unit = next((unit for unit in _EXAMPLES if parse_unit(unit).dimension == dimension), "")
+    unit = next((u for u in _EXAMPLES if parse_unit(u).dimension == column.dimension), "")
     return f"{name} [{unit}]" if unit else name
 
 
-def _is_one_letter_away(word: str, known: str) -> bool:
-    """Return whether a letter is added, missing or another one, or exchanged with the next."""
-    alike = [a == b for a, b in zip(word, known, strict=False)]
-    k = [*alike, False].index(False)
-    end, right = word[k:], known[k:]
-    is_exchanged = end[1::-1] + end[2:] == right
-    return end[1:] == right[1:] or end[1:] == right or end == right[1:] or is_exchanged
+def _drop_letters(word: str) -> set[str]:
+    """Return a word, and what is left of it without any one of its letters."""
+    return {word, *(word[:k] + word[k + 1 :] for k in range(len(word)))}

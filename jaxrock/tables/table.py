@@ -9,7 +9,6 @@ may stand behind commas.
 
 import contextlib
 import csv
-import functools
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -22,13 +21,14 @@ from .text import TextFile, as_number, normalize, quote_word
 from .units import Unit, parse_unit
 
 _SEPARATOR_LINE = re.compile(r'"?sep=(.?)"?\s*', re.I)
+_SEPARATOR = re.compile("[;,\t]")
 _HEAD = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
 
 
 class Head(NamedTuple):
-    """A column as its head describes it: the words as printed, the name, and the unit if any."""
+    """A column as its head describes it: as printed, its name, and its unit if any."""
 
-    words: str
+    label: str
     name: str
     unit: Unit | None = None
 
@@ -40,13 +40,11 @@ class Row(NamedTuple):
     cells: list[str]
 
 
-# Files of a suite have the same heads.
-@functools.lru_cache(maxsize=256)
-def read_head(words: str) -> Head:
+def read_head(label: str) -> Head:
     """Split the head of a column into its name, with blanks for underscores, and its unit."""
-    plain = " ".join(normalize(words).replace("_", " ").split())
+    plain = " ".join(normalize(label).replace("_", " ").split())
     match = _HEAD.fullmatch(plain)
-    return Head(words, match[1], parse_unit(match[2])) if match else Head(words, plain)
+    return Head(label, match[1], parse_unit(match[2])) if match else Head(label, plain)
 
 
 class Table:
@@ -67,31 +65,19 @@ class Table:
         """Find the line of heads; a `ValueError` that says what was `expected` if none is."""
         self.text = text
         stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
-        tried: list[tuple[int, int]] = []
-        for line, words in enumerate(text.lines, 1):
-            if not words.strip() or _is_comment(words) or (stated and line == 1):
-                continue
+        for self.line, content in enumerate(text.lines, 1):
             # A tab after "sep=" may have been stripped with the blanks at the end of the line.
-            found = next((sign for sign in ";\t," if sign in words), ",")
+            found = next((sign for sign in ";\t," if sign in content), ",")
             self.separator = (stated[1] or "\t") if stated else found
-            try:
-                cells = _split_line(words, self.separator)
             # In a title a quote may stand alone.
-            except csv.Error:
-                cells = [words]
-            # Spreadsheets end lines with separators of empty cells.
-            while len(cells) > 1 and not cells[-1]:
-                del cells[-1]
-            self.heads = [*map(read_head, cells)]
-            self.line = line
-            if is_head(self.heads):
-                break
-            tried.append((len(cells), -line))
-        else:
-            # Titles have fewer cells than heads.
-            line = -max(tried, default=(0, -1))[1]
-            got = quote_word(text.lines[line - 1])
-            raise text.error(f"{expected} was expected, got {got}", line)
+            with contextlib.suppress(ValueError):
+                self.heads = [*map(read_head, self._split_line(self.line))]
+                if self.heads and is_head(self.heads):
+                    return
+        # Titles have fewer cells than heads.
+        likely = max(text.lines, key=lambda content: len(_SEPARATOR.findall(content)))
+        got = quote_word(likely)
+        raise text.error(f"{expected} was expected, got {got}", text.lines.index(likely) + 1)
 
     def error(self, reason: str) -> ValueError:
         """Make an error about the heads."""
@@ -101,22 +87,29 @@ class Table:
     def rows(self) -> list[Row]:
         """The rows, without comments and without rows of empty cells; all of the same width."""
         width = len(self.heads)
-        rows = []
-        for line, words in enumerate(self.text.lines[self.line :], self.line + 1):
-            try:
-                cells = [] if _is_comment(words) else _split_line(words, self.separator)
-            # A quote that does not end, or a cell of more than 131,072 characters.
-            except csv.Error as error:
-                raise self.text.error(
-                    f"it cannot be split into cells: {error}", line
-                ) from None
-            while len(cells) > width and not cells[-1]:
-                del cells[-1]
-            if any(cells):
-                rows.append(Row(line, cells))
-            if any(cells) and len(cells) != width:
+        lines = range(self.line + 1, len(self.text.lines) + 1)
+        rows = [Row(line, self._split_line(line, width)) for line in lines]
+        rows = [row for row in rows if any(row.cells)]
+        for line, cells in rows:
+            if len(cells) != width:
                 raise self.text.error(f"{width} cells were expected, got {len(cells)}", line)
         return rows
+
+    def _split_line(self, line: int, width: int = 1) -> list[str]:
+        """Split a line into cells, `width` of which may be empty at the end; none of a comment."""
+        content = self.text.lines[line - 1]
+        if _is_comment(content):
+            return []
+        options = {"delimiter": self.separator, "skipinitialspace": True, "strict": True}
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([content], **options), [])]
+        # A quote that does not end, or a cell of more than 131,072 characters.
+        except csv.Error as error:
+            raise self.text.error(f"it is no row of cells: {error}", line) from None
+        # Spreadsheets end lines with separators of empty cells.
+        while len(cells) > width and not cells[-1]:
+            del cells[-1]
+        return cells
 
     def parse_number(self, cell: str) -> float | None:
         """Convert a cell to a number, NaN and infinity among them; None if it is none."""
@@ -133,36 +126,29 @@ class Table:
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
         """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
         sign = self.separator
-        lines = [words for words in self.text.lines[self.line :] if not _is_comment(words)]
+        lines = [line for line in self.text.lines[self.line :] if not _is_comment(line)]
         while lines and not lines[-1].strip(f"{sign} "):
             del lines[-1]
         # `loadtxt` passes over empty lines, which samples must not have, and cells too many.
-        between = self.text.lines[self.line - 1].count(sign)
-        if {line.count(sign) for line in lines} == {between}:
+        if {line.count(sign) for line in lines} == {len(self.heads) - 1}:
             with contextlib.suppress(ValueError):
                 values = np.loadtxt(
-                    lines,
-                    delimiter=sign,
-                    comments=None,
-                    usecols=columns,
-                    ndmin=2,
-                    quotechar='"',
+                    lines, delimiter=sign, comments=None, usecols=columns, ndmin=2
                 )
                 if len(values) == len(lines) > 1 and np.isfinite(values).all():
                     return values.T
-        values = np.array(
-            [[self.require_number(row, k) for k in columns] for row in self.rows]
-        )
+        rows = self.rows
+        values = np.array([[self.require_number(row, k) for row in rows] for k in columns])
         self.require_one_decimal_sign(columns)
-        if not 1 < len(values) == len(lines):
+        if not 1 < len(rows) == len(lines):
             raise self.error("samples were expected in all lines below, and at least two")
-        return values.T
+        return values
 
     def require_number(self, row: Row, column: int) -> float:
         """Convert a cell to a finite number; an error that names the column if it is none."""
         number = self.parse_number(row.cells[column])
         if number is None or not math.isfinite(number):
-            seen = f"column {self.heads[column].words!r} must have a finite number"
+            seen = f"column {self.heads[column].label!r} must have a finite number"
             raise self.text.error(f"{seen}, got {quote_word(row.cells[column])}", row.line)
         return number
 
@@ -170,9 +156,3 @@ class Table:
 def _is_comment(line: str) -> bool:
     """Return whether a line begins with #."""
     return line.lstrip().startswith("#")
-
-
-def _split_line(line: str, separator: str) -> list[str]:
-    """Split a line into its cells, without blanks around them."""
-    reader = csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)
-    return [cell.strip() for cell in next(reader, [""])]

@@ -27,7 +27,6 @@ _UNITS: dict[str, dict[str, float]] = {
     "years": {"yr yrs year years a anni": 1.0},
     "acceleration": {"g": _G, "%g": 1e-2 * _G, "mg": 1e-3 * _G, "gal gals": 1e-2},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg degree degrees \u00b0": math.pi / 180},
-    "frequency": {"hz": 1.0},
     "ratio": {"- 1": 1.0, "%": 1e-2},
 }
 _KNOWN = {
@@ -41,7 +40,7 @@ _PRODUCTS = {
     (("length", 1), ("time", -1)): "velocity",
     (("years", -1),): "rate",
 }
-_FACTOR = re.compile(r"(?P<unit>[^\W\d]+|1)(?P<power>-?\d)?")
+_FACTOR = re.compile(r"(/|per )?\s*([^\W\d]+|1)(-?\d)?[\s.*]*")
 UNITS_OF_ACCELERATION = "'m/s2', 'cm/s2', 'mm/s2', 'nm/s2', 'gal', 'g', '%g', 'mg' or 'in/s2'"
 
 
@@ -50,7 +49,7 @@ class Unit(NamedTuple):
 
     Attributes
     ----------
-    words : str
+    spelling : str
         As it is written.
     dimension : str
         What it measures, such as "length" or "acceleration"; empty if it is not understood.
@@ -58,30 +57,26 @@ class Unit(NamedTuple):
         In SI, with rates per year; NaN if it is not understood.
     """
 
-    words: str
+    spelling: str
     dimension: str = ""
     factor: float = math.nan
 
 
-def parse_unit(words: str) -> Unit:
+def parse_unit(spelling: str) -> Unit:
     """Parse a unit, alone or a product such as cm/s^2, cm/s/s, cm s-2 and 1/yr."""
-    plain = normalize(words).strip(" .").lower()
+    plain = normalize(spelling).strip(" .").lower()
     if plain in _KNOWN:
-        return Unit(words, *_KNOWN[plain])
-    for mark in ("^", "**", "(", ")"):
-        plain = plain.replace(mark, "")
-    above, *below = f" {plain}".replace(" per ", "/").split("/")
+        return Unit(spelling, *_KNOWN[plain])
+    plain = re.sub(r"[\^()]|\*\*", "", plain)
+    if _FACTOR.sub("", plain):
+        return Unit(spelling)
     powers: Counter[str] = Counter()
     value = 1.0
-    for sign, product in [(1, above.strip() or "1"), *((-1, part) for part in below)]:
-        for factor in product.replace("*", " ").replace(".", " ").split() or [""]:
-            match = _FACTOR.fullmatch(factor)
-            if match is None or match["unit"] not in _KNOWN:
-                return Unit(words)
-            dimension, factor_value = _KNOWN[match["unit"]]
-            power = sign * int(match["power"] or 1)
-            value *= factor_value**power
-            powers[dimension] += power if dimension != "ratio" else 0
+    for stroke, name, digit in _FACTOR.findall(plain):
+        dimension, factor = _KNOWN.get(name, ("", math.nan))
+        power = int(digit or 1) * (-1 if stroke else 1)
+        value *= factor**power
+        powers[dimension] += power if dimension != "ratio" else 0
     product = tuple(sorted((name, power) for name, power in powers.items() if power))
     dimension = _PRODUCTS.get(product, "")
-    return Unit(words, dimension, value if dimension else math.nan)
+    return Unit(spelling, dimension, value if dimension else math.nan)

@@ -14,23 +14,16 @@ def format_heading(name: str, unit: str = "") -> str:
 
     A unit in the style of CF, ``m s-2``, is written as ``m/s2``.
     """
-    # Words with a negative power move behind a stroke each, the others stay in front.
-    above = re.sub(r"\S+-\d", "", unit).split()
-    below = re.findall(r"(\S+)-(\d)", unit)
-    for word, power in below:
-        above = [f"{''.join(above) or '1'}/{word}{power if power != '1' else ''}"]
-    plain = "-" if unit == "1" else " ".join(above)
+    # What has a negative power moves behind a stroke.
+    printed = re.sub(r"(?:^| )([a-z]+)-1?(\d?)", r"/\1\2", unit)
+    plain = "-" if unit == "1" else re.sub("^/", "1/", printed)
     return f"{name} [{plain}]" if plain else name
 
 
 def write_inputs(file: TextIO, about: Mapping[str, object]) -> None:
     """Write the inputs that a table was computed from, in lines that begin with #."""
     for name, value in about.items():
-        words = (
-            value
-            if isinstance(value, str)
-            else " ".join(map(str, np.asarray(value).ravel().tolist()))
-        )
+        words = " ".join(map(str, np.asarray(value).ravel().tolist()))
         # In one line, since the next would not begin with #.
         file.write(f"# {name}: {' '.join(words.split())}\n")
 

@@ -47,18 +47,14 @@ def read_fixed(
     end = at - (-count // number)
     get_line(text, end - 1, f"all of {count} values")
     lines = [line.rstrip() for line in text.lines[at:end]]
-    lengths = [number * width] * (len(lines) - 1) + [
-        (count - number * (len(lines) - 1)) * width
-    ]
-    for k, (line, length) in enumerate(zip(lines, lengths, strict=True), at + 1):
-        if len(line) != length or " " in line[width - 1 :: width]:
-            expected = f"{length // width} values in columns of {width} characters"
-            raise text.error(f"{expected} were expected, got {quote_word(line)}", k)
+    for k, line in enumerate(lines):
+        expected = min(number, count - k * number)
+        if len(line) != expected * width or " " in line[width - 1 :: width]:
+            seen = f"{expected} values in columns of {width} characters were expected"
+            raise text.error(f"{seen}, got {quote_word(line)}", at + 1 + k)
     block = "".join(lines)
     words = [block[k : k + width] for k in range(0, len(block), width)]
-    return convert_words(
-        text, words, lambda: [at + 1 + k // number for k in range(count)]
-    ), end
+    return convert_words(text, words, lambda k: at + 1 + k // number), end
 
 
 def read_free(text: TextFile, at: int, count: int | None = None) -> np.ndarray:
@@ -71,13 +67,12 @@ def read_free(text: TextFile, at: int, count: int | None = None) -> np.ndarray:
         raise text.error(
             "no line end follows the last number: add one if the file is complete"
         )
-    return convert_words(
-        text, words, lambda: [k for k, line in enumerate(lines, at + 1) for _ in line.split()]
-    )
+    each = (k for k, line in enumerate(lines, at + 1) for _ in line.split())
+    return convert_words(text, words, lambda j: [*each][j])
 
 
 def convert_words(
-    text: TextFile, words: list[str], find_lines: Callable[[], list[int]]
+    text: TextFile, words: list[str], find_line: Callable[[int], int]
 ) -> np.ndarray:
     """Convert words to finite numbers; an error names the line of a word that is none."""
     # Python would also take 1_000.
@@ -90,5 +85,5 @@ def convert_words(
     for k, number in enumerate(numbers):
         if number is None or not math.isfinite(number):
             seen = quote_word(words[k])
-            raise text.error(f"a number was expected, got {seen}", find_lines()[k])
+            raise text.error(f"a number was expected, got {seen}", find_line(k))
     return np.array(numbers)

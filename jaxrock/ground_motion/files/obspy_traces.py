@@ -126,11 +126,6 @@ def read_traces(file: NamedFile, content: bytes, caller: Caller) -> list[Compone
             )
         if getattr(trace.stats, "sac", {}).get("idep") in _SAC_OTHERS:
             raise NotAcceleration(str(file.error("its IDEP states another quantity")))
-        if trace.stats.calib != 1:
-            raise file.error(
-                f"it states a factor of {trace.stats.calib:g}: read it by obspy, and use"
-                " jaxrock.ground_motion.from_obspy(trace, calibrated=...)"
-            )
         late = abs(trace.stats.starttime - traces[0].stats.starttime)
         if ids.count(trace.id) > 1 or late > _TOGETHER * trace.stats.delta:
             raise file.error(

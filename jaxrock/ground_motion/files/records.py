@@ -168,11 +168,8 @@ def read_record(
     """
     column = as_text(column)
     vertical = as_text(vertical)
-    for name, value in (
-        ("path", path),
-        ("column", column or ""),
-        ("vertical", vertical or ""),
-    ):
+    given = {"path": path, "column": column or "", "vertical": vertical or ""}
+    for name, value in given.items():
         if not isinstance(value, str | os.PathLike):
             raise ValueError(f"{name} must name one file or one column, got {value!r:.60}")
     path = Path(path)
@@ -180,19 +177,19 @@ def read_record(
     if path.is_dir():
         raise ValueError(f"{str(path)!r} is a folder, which read_suite takes: give one file")
     named = [str(name) for name in (column, vertical) if name not in (None, "up")]
-    is_apart = vertical is not None and Path(vertical).is_file()
-    components = read_components(path, caller, *named[: len(named) - is_apart])
+    apart = Path(vertical) if vertical is not None and Path(vertical).is_file() else None
+    components = read_components(path, caller, *named[: len(named) - bool(apart)])
     horizontal = _choose(path, components, "column", column, ("level", ""))
-    if vertical is None:
-        return make_record(horizontal)
-    if not is_apart:
+    upward = []
+    if apart:
+        components = read_components(apart, caller)
+        # A file of one component need not say where it points: the caller does.
+        directions = ("up", "down", "") if len(components) == 1 else ("up", "down")
+        upward = [_choose(apart, components, "vertical", None, directions)]
+    elif vertical is not None:
         others = [component for component in components if component is not horizontal]
-        return make_record(horizontal, _choose(path, others, "vertical", str(vertical), ()))
-    components = read_components(Path(vertical), caller)
-    # A file of one component need not say where it points: the caller does.
-    directions = ("up", "down", "") if len(components) == 1 else ("up", "down")
-    upward = _choose(Path(vertical), components, "vertical", None, directions)
-    return make_record(horizontal, upward)
+        upward = [_choose(path, others, "vertical", str(vertical), ())]
+    return make_record(horizontal, *upward)
 
 
 def _choose(

@@ -30,7 +30,7 @@ def read_samples(text: TextFile, caller: Caller, *named: str) -> list[Component]
 
     def has_samples(heads: list[Head]) -> bool:
         """Return whether heads name an acceleration, or what the caller names."""
-        return any(head.words in named or read_axis(head) for head in heads)
+        return any(head.label in named or read_axis(head) for head in heads)
 
     try:
         table = Table(text, has_samples, "a line with a head such as 'acceleration [g]'")
@@ -39,19 +39,19 @@ def read_samples(text: TextFile, caller: Caller, *named: str) -> list[Component]
             f"{error}: column names another one; numbers without heads are"
             " jr.Record(np.loadtxt(path), time_step, unit=...)"
         ) from None
-    heads = quote_names(head.words for head in table.heads)
+    heads = quote_names(head.label for head in table.heads)
     for name in named:
-        if name not in [head.words for head in table.heads]:
+        if name not in [head.label for head in table.heads]:
             raise table.error(f"there is no column {name!r}: columns are {heads}")
     axes = {k: axis for k, head in enumerate(table.heads) if (axis := read_axis(head))}
     axes |= {
-        k: ("", "") for k, h in enumerate(table.heads) if h.words in named and k not in axes
+        k: ("", "") for k, h in enumerate(table.heads) if h.label in named and k not in axes
     }
     level = [k for k, (_, direction) in axes.items() if direction in ("level", "")]
     kinds = {axes[k][0] for k in level}
     is_clear = len(level) < 2 or all(axes[k][1] for k in level)
     if not named and (len(level) > 2 or len(kinds) > 1 or not is_clear):
-        names = quote_names(table.heads[k].words for k in level)
+        names = quote_names(table.heads[k].label for k in level)
         raise table.error(f"which is the acceleration of the ground? column names it: {names}")
     times = [k for k, head in enumerate(table.heads) if head.name in _TIMES and k not in axes]
     units = [unit for k in times if (unit := table.heads[k].unit) and unit.dimension == "time"]
@@ -64,9 +64,9 @@ def read_samples(text: TextFile, caller: Caller, *named: str) -> list[Component]
     components = []
     for (k, (_, direction)), row in zip(axes.items(), values, strict=False):
         head = table.heads[k]
-        factor = caller.choose_unit(text, head.unit.words if head.unit else "")
-        name = f"{str(text.path)!r}, column {head.words!r}"
-        components.append(Component(name, factor * row, step, head.words, direction))
+        factor = caller.choose_unit(text, head.unit.spelling if head.unit else "")
+        name = f"{str(text.path)!r}, column {head.label!r}"
+        components.append(Component(name, factor * row, step, head.label, direction))
     return components
 
 
