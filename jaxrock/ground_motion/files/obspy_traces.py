@@ -83,8 +83,8 @@ def take_component(argument: str, trace: Any, unit: str, calibrated: bool | None
     calibration = float(getattr(stats, "calib", 1.0))
     if calibration != 1 and calibrated is None:
         raise ValueError(
-            f"calibrated must be given: {argument} has a stats.calib of {calibration:g}, and"
-            " does not state whether this factor is already in its data"
+            f"calibrated must be given, to from_obspy: {argument} has a stats.calib of"
+            f" {calibration:g}, and does not state whether this factor is already in its data"
         )
     if not calibrated:
         factor *= calibration
