@@ -1,7 +1,7 @@
 """The command about an inventory of objects."""
 
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -12,16 +12,19 @@ from ..host import format_table, write_whole
 from ..reports import list_remarks, name_theory, write_inventory_page
 from ..risk import (
     EXAMPLE_FILES,
+    MISSES,
     Hazard,
     Inventory,
     Site,
     assess_inventory,
+    describe_place,
     describe_required_width,
     describe_years,
     name_records,
     read_example_inventory,
     read_inventory,
     write_example_inventory,
+    write_years,
 )
 from ..tables import write_csv
 from ..validation import POSITIVE, check, check_increasing
@@ -36,6 +39,7 @@ if TYPE_CHECKING:
 _FILES = ("inventory.nc", "inventory.csv", "inventory.png", "inventory.html")
 # Relative distance of the levels at which outcomes are simulated: enough for a ranking.
 _SPACING = 0.04
+_PER_PAGE = 15  # objects of a picture that is printed as wide as a page
 _LONGEST_NAME = 32  # letters of a name in the text; tables and pages have all of them
 _EXAMPLE_PERIOD = 2475.0  # years, 2 % in 50 years
 _EXAMPLE_HAZARD = "the one of the example, of no real place"
@@ -123,7 +127,7 @@ def inventory(  # noqa: PLR0913
         )
     site = Site(suite_options.read_suite(), hazard, measure, spacing=_SPACING)
     with write_whole("out", out, names, output.force) as folder:
-        from ..plot import plot_inventory, plot_inventory_parts
+        from ..plot import plot_inventory
 
         if is_example:
             write_example_inventory(folder)
@@ -135,14 +139,15 @@ def inventory(  # noqa: PLR0913
         columns, units = _collect_columns(assessed)
         write_csv(folder / "inventory.csv", columns, units, about)
         save_picture(plot_inventory(assessed), folder / "inventory.png")
-        pictures = [_draw_png(ax) for ax in plot_inventory_parts(assessed)]
+        starts = range(0, assessed.object.size, _PER_PAGE)
+        parts = [assessed.isel(object=slice(k, k + _PER_PAGE)) for k in starts]
+        pictures = [_draw_png(plot_inventory(part)) for part in parts]
         page = write_inventory_page(assessed, pictures, title=title)
         (folder / "inventory.html").write_text(page, encoding="utf-8")
     lines = [_write_table(assessed), *_describe_assumed(assessed), *list_remarks(assessed)]
     if is_example:
         lines += _describe_next_steps(out)
-    files = [out / name for name in names]
-    return Answer("\n".join(lines), _collect_data(assessed), output, files)
+    return Answer("\n".join(lines), _collect_data(assessed), output, [out / n for n in names])
 
 
 def _read_target(target: float | None, period: float | None) -> float:
@@ -269,11 +274,9 @@ def _write_table(assessed: "xarray.Dataset") -> str:
     target = assessed.attrs["target"]
     names = assessed.object.values.tolist()
     answers = [assessed.isel(object=k) for k in range(len(names))]
-    places: dict[str, Iterable[object]] = {}
-    if "one_sided" in assessed:
-        places["one-sided"] = ["yes" if kind else "no" for kind in assessed.one_sided.values]
-    if "floor_period" in assessed:
-        places["floor [s]"] = assessed.floor_period.values
+    places = {}
+    if "one_sided" in assessed or "floor_period" in assessed:
+        places["stands"] = [describe_place(answer) or "free" for answer in answers]
     columns = places | {
         "width [m]": assessed.width.values,
         "height [m]": assessed.height.values,
@@ -284,16 +287,13 @@ def _write_table(assessed: "xarray.Dataset") -> str:
         "std. error": assessed.standard_error.values,
         "needs [m]": [describe_required_width(answer) for answer in answers],
     }
-    above = int((assessed.rate > target).sum())
+    above = int((assessed.verdict == MISSES).sum())
     title = (
         f"{above} of {len(names)} objects overturn more often than {target:.4g} 1/yr, once in"
-        f" {1 / target:,.4g} years, under {name_records(assessed)};"
+        f" {write_years(1 / target)} years, under {name_records(assessed)};"
         f" {assessed.attrs['hazard_curve']}. needs: the width at this height for the target"
     )
-    short = [
-        name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 3]}..."
-        for name in names
-    ]
+    short = [name[:_LONGEST_NAME] for name in names]
     table = format_table(title, short, **columns)
     # The last column is as wide as its words.
     years = [f"  {describe_years(answer)}" for answer in answers]

@@ -10,7 +10,6 @@ from .calibration import plot_free_rocking_fit
 from .fragility import plot_fragility
 from .harmonic import plot_harmonic
 from .inventory import plot_inventory
-from .inventory import plot_inventory_parts as plot_inventory_parts
 from .outcome_probabilities import plot_outcome_probabilities, plot_sobol_indices
 from .outcomes import plot_outcomes, plot_reliability
 from .overturning import plot_boundaries, plot_critical_intensity

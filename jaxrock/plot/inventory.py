@@ -10,11 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
-from ..risk import name_records, write_years
+from ..risk import describe_place, name_records, write_years
 from .axes import ACCENT, INK, LINE, QUANTILE, check_dataset, label_axes
 
 _MOST = 60  # objects that one picture has at most; more would not be read
-_PER_PAGE = 15  # objects of a picture that is printed as wide as a page
 # Decades that an axis has at least, so that a single object does not fill it.
 _DECADES = 2
 _MOST_YEARS = 5  # numbers of years on the upper axis, which are long
@@ -43,33 +42,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         The axes drawn on.
     """
     check_dataset("dataset", dataset, ("object",), "assess_inventory(inventory, site, target)")
-    return _draw_objects(dataset.isel(object=slice(None, _MOST)), ax)
-
-
-def plot_inventory_parts(dataset: xarray.Dataset) -> list[Axes]:
-    """Draw all objects of an inventory, fifteen a picture, which a printed page has room for.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        Of `jaxrock.risk.assess_inventory`.
-
-    Returns
-    -------
-    list of matplotlib.axes.Axes
-        With the same ends, each in a figure of its own.
-    """
-    check_dataset("dataset", dataset, ("object",), "assess_inventory(inventory, site, target)")
-    ends = _choose_ends(dataset)
-    starts = range(0, dataset.object.size, _PER_PAGE)
-    parts = [dataset.isel(object=slice(start, start + _PER_PAGE)) for start in starts]
-    return [_draw_objects(part, ends=ends) for part in parts]
-
-
-def _draw_objects(
-    shown: xarray.Dataset, ax: Axes | None = None, ends: tuple[float, float] | None = None
-) -> Axes:
-    """Draw objects, all of them; `ends` are those of the axis of rates."""
+    shown = dataset.isel(object=slice(None, _MOST))
     number = shown.object.size
     has_new_axes = ax is None
     if ax is None:
@@ -79,7 +52,7 @@ def _draw_objects(
     rate = shown.rate.values
     rows = np.arange(number)[::-1]
     half = _compute_half_widths(shown)
-    low, high = _choose_ends(shown) if ends is None else ends
+    low, high = _choose_ends(shown)
     # Marks differ as well as colours, for prints in grey.
     for above, colour, mark in ((True, ACCENT, "D"), (False, INK, "o")):
         which = (rate > target) == above
@@ -132,11 +105,7 @@ def _describe_size(assessed: xarray.Dataset) -> str:
     """Describe the size of an object and what it needs, beside its row."""
     width = float(assessed.width)
     size = f"{width:.2f} \N{MULTIPLICATION SIGN} {float(assessed.height):.2f} m"
-    if "one_sided" in assessed and bool(assessed.one_sided):
-        size += ", at a wall"
-    if "floor_period" in assessed and float(assessed.floor_period):
-        size += f", floor {float(assessed.floor_period):.3g} s"
-    return f"{size}; {assessed.need.values}"
+    return "; ".join(filter(None, [size, describe_place(assessed), str(assessed.need.values)]))
 
 
 def _choose_ends(shown: xarray.Dataset) -> tuple[float, float]:

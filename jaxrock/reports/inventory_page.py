@@ -1,53 +1,39 @@
-"""The page of an inventory: what to do first, on one sheet; pictures and details behind."""
+"""The page of an inventory: what to do first, on one sheet; pictures and details behind.
+
+What is the same for all inventories stands in ``data/inventory_page.html``.
+"""
 
 import base64
 import datetime
 import html
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from string import Template
 from typing import TYPE_CHECKING
 
-from ..risk import describe_years, name_records, round_width_up, write_years
-from .inventory_details import write_details
+from ..ground_motion import MEASURES
+from ..risk import (
+    MISSES,
+    NOT_KNOWN,
+    describe_end_of_hazard,
+    describe_place,
+    describe_years,
+    name_records,
+    round_width_up,
+    write_years,
+)
 
 if TYPE_CHECKING:
     import xarray
 
-# A page of its own: no style, script, font or picture from elsewhere. Sizes are those of a
-# printed page. A head is repeated on every sheet, and a row is never cut in two.
-_STYLE = """
-@page { size: A4; margin: 14mm 12mm; @bottom-right { content: counter(page); font-size: 9pt; } }
-body { font: 10.5pt/1.3 Georgia, serif; color: #111; max-width: 186mm; margin: 0 auto; }
-h1 { font-size: 18pt; margin: 0 0 1mm; }
-h2 { font-size: 13pt; margin: 6mm 0 1mm; break-after: avoid; }
-p { margin: 0 0 2mm; }
-p.first { font-size: 14pt; font-weight: bold; margin: 4mm 0; }
-p.about, p.below { font-size: 9.5pt; color: #333; }
-figure { margin: 3mm 0; break-inside: avoid; }
-img { display: block; width: 100%; }
-table { border-collapse: collapse; width: 100%; margin: 2mm 0 3mm; font-size: 10pt; }
-table.details { font-size: 8.5pt; }
-thead { display: table-header-group; }
-tr { break-inside: avoid; }
-th, td { padding: 0.8mm 1.2mm; text-align: right; border-bottom: 0.2mm solid #ccc; }
-td { white-space: nowrap; }
-th { vertical-align: bottom; font-weight: normal; color: #444; }
-th.size { white-space: nowrap; }
-td.name, th.name, td.words, th.words { text-align: left; white-space: normal; }
-td.need, th.need { text-align: left; }
-tr.above td.rate { font-weight: bold; color: #8a4a10; }
-section { break-before: page; }
-div { break-inside: avoid; }
-dl { columns: 2; font-size: 8.5pt; margin: 0 0 3mm; }
-dt { font-weight: bold; break-after: avoid; }
-dd { margin: 0 0 1mm; break-inside: avoid; }
-ul { margin: 0 0 2mm; padding-left: 5mm; font-size: 9.5pt; }
-"""
 # A number stays in one line with its unit, or with the letter that it is a value of.
 _NUMBER_WITH_UNIT = re.compile(
     r"(?<=\d) (?=(?:m/s2?|cm|m|s|1/yr|per year|years?|%)(?!\w))|(?<=\bC) (?==)|(?<=C =) (?=\d)"
 )
+_TIMES = "\N{MULTIPLICATION SIGN}"
+_DASH = "\N{EN DASH}"
 _FIRST = 5  # objects that the first sentence names
 _COUNTS = {2: "two", 3: "three", 4: "four", 5: "five"}
 
@@ -66,7 +52,7 @@ def write_inventory_page(
     dataset : "xarray.Dataset"
         From `jaxrock.risk.assess_inventory`.
     pictures : sequence of bytes
-        PNG files, such as those of the axes of `jaxrock.plot.plot_inventory_parts`.
+        PNG files, such as those of `jaxrock.plot.plot_inventory`.
     title : str, optional
         By default the number of objects.
     date : datetime.date, optional
@@ -78,28 +64,36 @@ def write_inventory_page(
         The page: what to do first, a row for each object, then pictures and details.
     """
     number = dataset.object.size
-    if title is None:
-        title = f"{number} object{'s' * (number > 1)} in earthquakes"
-    heading = html.escape(title)
-    date = datetime.date.today() if date is None else date
-    body = "\n".join(
-        [
-            f"<h1>{heading}</h1>",
-            f'<p class="about">{date.isoformat()}. {_write_sources(dataset)}</p>',
-            f'<p class="first">{html.escape(_write_first_sentence(dataset))}</p>',
-            _write_actions(dataset),
-            *map(_write_picture, pictures),
-            f"<section>\n<h2>Details</h2>\n{write_details(dataset)}\n</section>",
-        ]
-    )
-    return "\n".join(
-        [
-            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
-            f"<title>{heading}</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
-            _NUMBER_WITH_UNIT.sub("&nbsp;", body),
-            "</body>\n</html>\n",
-        ]
-    )
+    measure, unit, _ = MEASURES[dataset.attrs["measure"]]
+    words = dataset.attrs | {
+        "title": title or f"{number} object{'s' * (number > 1)} in earthquakes",
+        "date": (datetime.date.today() if date is None else date).isoformat(),
+        "years": write_years(1 / dataset.attrs["target"]),
+        # The curve itself stands with the assumptions.
+        "hazard": dataset.attrs.get("hazard", dataset.attrs["hazard_curve"]),
+        "records": name_records(dataset),
+        "first": _write_first_sentence(dataset),
+        "measure": measure,
+        "unit": unit,
+    }
+    levels = zip(dataset.level.values, dataset.return_period.values, strict=True)
+    parts = {
+        "actions": _write_rows(dataset, _describe_action),
+        "pictures": "\n".join(map(_write_picture, pictures)),
+        "objects": _write_rows(dataset, _describe_object),
+        "levels": "".join(
+            f"<th>at {level:.3g} {unit}"
+            + (f", {write_years(years)} years</th>" if math.isfinite(years) else "</th>")
+            for level, years in levels
+        ),
+        "rates": _write_rows(dataset, _describe_rates),
+        "remarks": "\n".join(
+            f"<li>{html.escape(remark)}</li>" for remark in list_remarks(dataset) or ["None."]
+        ),
+    }
+    page = Template((files("jaxrock") / "data" / "inventory_page.html").read_text("utf-8"))
+    escaped = {name: html.escape(str(value)) for name, value in words.items()}
+    return _NUMBER_WITH_UNIT.sub("&nbsp;", page.substitute(escaped | parts))
 
 
 def _write_picture(picture: bytes) -> str:
@@ -109,85 +103,65 @@ def _write_picture(picture: bytes) -> str:
     return f'<figure><img alt="{words}" src="data:image/png;base64,{image}"></figure>'
 
 
-def _write_sources(dataset: "xarray.Dataset") -> str:
-    """Write the target, the hazard and the records."""
-    about = dataset.attrs
-    # The curve itself stands with the assumptions.
-    hazard = about.get("hazard", about["hazard_curve"])
-    if "hazard_site" in about:
-        hazard += f", site {about['hazard_site']}"
-    return html.escape(
-        f"Target: overturns at most once in {write_years(1 / about['target'])} years."
-        f" Hazard: {hazard}. Ground motions: {name_records(dataset)}."
-    )
+def _write_rows(
+    dataset: "xarray.Dataset", describe: Callable[["xarray.Dataset"], dict[str, str]]
+) -> str:
+    """Write a row for each object: its rank, its name, and cells of named kinds."""
+    rows = []
+    for k in range(dataset.object.size):
+        answer = dataset.isel(object=k)
+        cells = {
+            "rank": f"{int(answer['rank'])}",
+            "name": str(answer.object.values),
+        }
+        row = "".join(
+            f'<td class="{kind.rstrip("0123456789")}">{html.escape(cell)}</td>'
+            for kind, cell in (cells | describe(answer)).items()
+        )
+        rows.append(f'<tr class="{str(answer.verdict.values).partition(" ")[0]}">{row}</tr>')
+    return "\n".join(rows)
 
 
 def _write_first_sentence(dataset: "xarray.Dataset") -> str:
-    """Write what to do first, in one sentence."""
-    above = dataset.isel(object=dataset.rate.values > dataset.attrs["target"])
+    """Write what to do first, in one sentence or two."""
+    above = dataset.isel(object=dataset.verdict.values == MISSES)
+    unknown = dataset.object.values[dataset.verdict.values == NOT_KNOWN].tolist()
     names = [str(name) for name in above.object.values]
     years = write_years(1 / dataset.attrs["target"])
+    doubt = ""
+    if unknown:
+        listed = ", ".join(unknown[:_FIRST]) + ", ..." * (len(unknown) > _FIRST)
+        doubt = f"Not known of {listed}: {describe_end_of_hazard(dataset)}."
     if not names:
         every = "it overturns" if dataset.object.size == 1 else "all objects overturn"
-        return f"Nothing needs to be done: {every} at most once in {years} years."
+        return doubt or f"Nothing needs to be done: {every} at most once in {years} years."
+    first = names[:_FIRST]
     required = above.required_width.values[:_FIRST]
     widened = (required > above.width.values[:_FIRST]) & (required < math.inf)
     verb = "Fix or widen" if widened.any() else "Fix"
-    first = names[:_FIRST]
     listed = " and ".join(filter(None, [", ".join(first[:-1]), first[-1]]))
-    more = len(names) - len(first)
-    remainder = f"; then {more} more" if more else ""
+    remainder = f"; then {len(names) - _FIRST} more" if len(names) > _FIRST else ""
     which = f"these {_COUNTS[len(first)]}" if len(first) > 1 else "this one"
+    sentence = f"{verb} {which} first: {listed}{remainder}."
     if dataset.object.size == 1:
-        return f"{verb} it: {listed} overturns more often than once in {years} years."
-    return f"{verb} {which} first: {listed}{remainder}."
+        sentence = f"{verb} it: {listed} overturns more often than once in {years} years."
+    return f"{sentence} {doubt}".rstrip()
 
 
-def _write_actions(dataset: "xarray.Dataset") -> str:
-    """Write the first table: a row for each object, and what to do about it."""
-    lines = [
-        "<table>\n<thead>",
-        '<tr><th>rank</th><th class="name">object</th><th class="size">width &times; height</th>'
-        '<th>overturns once in</th><th class="words">what to do</th></tr>',
-        "</thead>\n<tbody>",
-    ]
-    for k in range(dataset.object.size):
-        answer = dataset.isel(object=k)
-        kind = "above" if float(answer.rate) > dataset.attrs["target"] else "below"
-        years = describe_years(answer, " years")
-        lines.append(
-            f'<tr class="{kind}"><td>{int(answer["rank"])}</td>'
-            f'<td class="name">{html.escape(str(answer.object.values))}</td>'
-            f"<td>{float(answer.width):.4g} &times; {float(answer.height):.4g} m</td>"
-            f'<td class="rate">{years}</td>'
-            f'<td class="words">{html.escape(_describe_action(answer))}</td></tr>'
-        )
-    lines += ["</tbody>\n</table>", '<p class="below">']
-    lines.append(
-        "To fix an object is to hold it so that it cannot rock. Once in 475 years is an average:"
-        " a chance of 10 % in 50 years."
-    )
-    if "rate_at_low_restitution" in dataset:
-        lines.append(
-            "The restitution C of an object is the part of its velocity that it keeps at an"
-            " impact. Two numbers of years mean that nobody has measured C: one is for the C"
-            " of theory, mostly the smaller number, the other for a low C."
-        )
-    return "\n".join([*lines, "</p>"])
-
-
-def _describe_action(answer: "xarray.Dataset") -> str:
+def _describe_action(answer: "xarray.Dataset") -> dict[str, str]:
     """Describe what to do about one object."""
     target = float(answer.attrs["target"])
     required = float(answer.required_width)
-    at_low = math.nan
-    if "rate_at_low_restitution" in answer:
-        at_low = float(answer.rate_at_low_restitution)
-    if float(answer.rate) <= target:
+    at_low = float(answer.get("rate_at_low_restitution", math.nan))
+    if str(answer.verdict.values) == NOT_KNOWN:
+        action = f"not known: {describe_end_of_hazard(answer)}"
+    elif str(answer.verdict.values) != MISSES:
+        action = "nothing: it meets the target"
         if at_low > target:
-            return "measure its restitution: with a low one it misses the target"
-        return "nothing: it meets the target"
-    if math.isinf(required):
+            action = "measure its restitution: with a low one it misses the target"
+    elif math.isnan(required):
+        action = f"fix it: {answer.need.values}"
+    elif math.isinf(required):
         action = "fix it: widening alone does not help"
     elif required > float(answer.width):
         action = f"fix it, or widen it to {round_width_up(required):.2f} m"
@@ -195,6 +169,91 @@ def _describe_action(answer: "xarray.Dataset") -> str:
         action = (
             "fix it, or measure its restitution, whose uncertainty makes it miss the target"
         )
-    if at_low <= target:
+    if str(answer.verdict.values) == MISSES and at_low <= target:
         action += f", unless C is {float(answer.low_restitution):.2f} or less"
-    return action
+    size = f"{float(answer.width):.4g} {_TIMES} {float(answer.height):.4g} m"
+    return {"size": size, "rate": describe_years(answer, " years"), "words": action}
+
+
+def _describe_object(answer: "xarray.Dataset") -> dict[str, str]:
+    """Describe an object and what moves it."""
+    coefficient = float(answer.coefficient_of_variation)
+    notes = [f"{100 * coefficient:.0f} %"] * bool(coefficient)
+    notes += [f"{name_theory(answer)}, assumed"] * bool(answer.restitution_assumed)
+    important = str(answer.most_important.values)
+    if important in answer.parameter.values:
+        important += f" ({float(answer.elasticity.sel(parameter=important)):+.1f})"
+    return {
+        "size": f"{float(answer.width):.4g} {_TIMES} {float(answer.height):.4g}",
+        "words": describe_place(answer) or "free",
+        "restitution": f"{float(answer.restitution):.3f}{_bracket(*notes)}",
+        "uplift": _write_number(answer.uplift_intensity),
+        "median": f"{_write_number(answer['median'])}{_bracket(_write_number(answer.dispersion))}",
+        "words2": important,
+    }
+
+
+def _describe_rates(answer: "xarray.Dataset") -> dict[str, str]:
+    """Describe how often and how likely an object overturns."""
+    probabilities = zip(
+        answer.probability.values,
+        answer.probability_low.values,
+        answer.probability_high.values,
+        strict=True,
+    )
+    cells = {
+        f"level{k}": f"{middle:.2f} ({low:.2f}{_DASH}{high:.2f})"
+        for k, (middle, low, high) in enumerate(probabilities)
+    }
+    low = _DASH
+    if bool(answer.restitution_assumed):
+        low = f"{1e4 * float(answer.rate_at_low_restitution):.3g}"
+        low += _bracket(f"{float(answer.low_restitution):.3f}")
+    need = str(answer.need.values)
+    if need == "suffices" and math.isfinite(float(answer.required_width)):
+        bound = "≤ " * bool(answer.required_width_is_bound)
+        need += f" ({bound}{round_width_up(float(answer.required_width)):.2f} m)"
+    rate = f"{1e4 * float(answer.rate):.3g} ± {1e4 * float(answer.standard_error):.2g}"
+    if float(answer.rate) == 0:
+        rate = f"< {1e4 * float(answer.attrs['last_rate']):.2g}"
+    return cells | {
+        "rate": rate,
+        "low": low,
+        "years": f"{100 * float(answer.probability_in_50_years):.2g} %",
+        "bound": f"{1e4 * float(answer.not_detected):.2g}",
+        "words": need,
+    }
+
+
+def _bracket(*notes: str) -> str:
+    """Write notes in brackets, if there are any."""
+    return f" ({', '.join(notes)})" if notes else ""
+
+
+def _write_number(value: "xarray.DataArray") -> str:
+    """Write a number; a dash where there is none."""
+    return f"{float(value):.2f}" if math.isfinite(float(value)) else _DASH
+
+
+def name_theory(assessed: "xarray.Dataset") -> str:
+    """Name the theory that gives the restitution of one object from its size."""
+    return "from size" if bool(assessed.get("one_sided", False)) else "Housner's"
+
+
+def list_remarks(dataset: "xarray.Dataset") -> list[str]:
+    """List what is exceptional about objects: a remark on several once, with their names."""
+    names_by_remark: dict[str, list[str]] = {}
+    reasons = []
+    for k, name in enumerate(dataset.object.values.tolist()):
+        answer = dataset.isel(object=k)
+        remarks = str(answer.remark.values).split("; ")
+        if str(answer.verdict.values) == NOT_KNOWN:
+            remarks.append(
+                f"not known whether it meets the target: {describe_end_of_hazard(dataset)}"
+            )
+        for remark in filter(None, remarks):
+            names_by_remark.setdefault(remark, []).append(name)
+        if math.isinf(float(answer.required_width)):
+            reasons.append(f"{name}: {answer.required_width_reason.values}")
+    remarks = [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]
+    return [*reasons, *remarks]

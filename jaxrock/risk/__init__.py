@@ -9,6 +9,10 @@ from .hazard import Hazard
 from .hazard_files import read_hazard
 from .inventory import Inventory
 from .inventory_assessment import assess_inventory
+from .inventory_dataset import MISSES as MISSES
+from .inventory_dataset import NOT_KNOWN as NOT_KNOWN
+from .inventory_dataset import describe_end_of_hazard as describe_end_of_hazard
+from .inventory_dataset import describe_place as describe_place
 from .inventory_dataset import describe_required_width as describe_required_width
 from .inventory_dataset import describe_years as describe_years
 from .inventory_dataset import name_records as name_records

@@ -80,7 +80,9 @@ def assess_inventory(
         ``not_detected`` (see `overturning_rate`); ``required_width``, the width at this height
         from which on the rate stays below the target, inf where there is none, with
         ``required_width_reason``, and ``required_width_is_bound`` where even the narrowest
-        width that was examined meets the target; ``need``, the same in words;
+        width that was examined meets the target; NaN where the hazard ends before the target;
+        ``probability_in_50_years``; ``verdict``, whether it meets the target, which is "not
+        known" where ``not_detected`` may carry the rate across; ``need`` of width in words;
         ``most_important``, the parameter with the largest elasticity; a ``remark`` on what is
         exceptional. If some objects are one-sided, ``one_sided``; if some are on floors,
         ``floor_period`` (0 on the ground floor) and ``floor_damping``; if some restitutions

@@ -17,6 +17,11 @@ from .site import Site
 if TYPE_CHECKING:
     import xarray
 
+MEETS = "meets the target"
+MISSES = "misses the target"
+NOT_KNOWN = "not known"
+# How much longer a return period the hazard should reach than the target's.
+_REACH = 2.5
 # Parameters whose importance is told: what can be built or chosen for an object.
 INVENTORY_PARAMETERS = ("width", "height", "restitution")
 # Long names and units of the answers, and their dimension beside "object", if they have one;
@@ -55,6 +60,8 @@ _WORDS: dict[str, tuple[str, ...]] = {
         "",
     ),
     "required_width_reason": ("reason for the required width", ""),
+    "probability_in_50_years": ("probability of overturning in 50 years", "1"),
+    "verdict": ("whether the object meets the target, where that is known", ""),
     "need": ("change of width that the target needs, in words", ""),
     "most_important": ("parameter with the largest elasticity", ""),
     "remark": ("remark on the object", ""),
@@ -72,6 +79,8 @@ def make_inventory_dataset(
 ) -> "xarray.Dataset":
     """Make the dataset of the answers, ranked by rate; see `assess_inventory`."""
     assert isinstance(site.hazard, Hazard)
+    last_rate = float(site.rates[-1])
+    answers = answers | _judge_rates(answers, target, last_rate)
     order = np.argsort(-answers["rate"], kind="stable")
     measure_in_words, unit, _ = MEASURES[site.measure]
     if inventory.others:
@@ -111,6 +120,7 @@ def make_inventory_dataset(
         {
             "measure": site.measure,
             "target": float(target),
+            "last_rate": last_rate,
             "record_count": site.suite.recordings,
             **describe_suite(site.suite),
             "hazard_curve": str(site.hazard),
@@ -135,6 +145,50 @@ def make_inventory_dataset(
     return dataset.assign(need=("object", needs, {"long_name": long_name}))
 
 
+def _judge_rates(
+    answers: dict[str, np.ndarray], target: float, last_rate: float
+) -> dict[str, np.ndarray]:
+    """Judge rates by the target.
+
+    A verdict is not known where what was not detected, or lies beyond the end of the hazard, is
+    larger than the rate or the target and may carry the rate across the target. No width can be
+    shown to suffice under a hazard that ends before the target.
+    """
+    rate = answers["rate"]
+    bound = answers["not_detected"]
+    may_cross = (rate - bound <= target) & (rate + bound > target)
+    is_unknown = may_cross & (bound > np.minimum(rate, target))
+    verdict = np.select([is_unknown, rate > target], [NOT_KNOWN, MISSES], MEETS)
+    judged = {"probability_in_50_years": -np.expm1(-50 * rate), "verdict": verdict}
+    if last_rate > target:
+        judged |= {
+            "required_width": np.full(rate.shape, np.nan),
+            "required_width_is_bound": np.full(rate.shape, False),
+            "required_width_reason": np.full(rate.shape, "the hazard ends before the target"),
+        }
+    return judged
+
+
+def describe_end_of_hazard(dataset: "xarray.Dataset") -> str:
+    """Describe why a verdict is not known, and what would make it known."""
+    target, last_rate = (float(dataset.attrs[name]) for name in ("target", "last_rate"))
+    if last_rate <= target:
+        return "what was not detected may carry the rate across the target"
+    return (
+        f"the hazard ends at once in {write_years(1 / last_rate)} years; continue it to"
+        f" {write_years(_REACH / target)} or ask for a target above it"
+    )
+
+
+def describe_place(answer: "xarray.Dataset") -> str:
+    """Describe where one object stands, if it stands at a wall or on a floor."""
+    places = ["at a wall"] * bool(answer.get("one_sided", False))
+    if float(answer.get("floor_period", 0.0)):
+        period, damping = float(answer.floor_period), float(answer.floor_damping)
+        places.append(f"floor {period:.3g} s ({damping:.2g})")
+    return ", ".join(places)
+
+
 def describe_need(answer: "xarray.Dataset") -> str:
     """Describe in words whether an object needs another width for the target.
 
@@ -143,13 +197,15 @@ def describe_need(answer: "xarray.Dataset") -> str:
     answer : "xarray.Dataset"
         Of one object, from `assess_inventory`.
     """
-    width = float(answer.width)
     required = float(answer.required_width)
-    if float(answer.rate) <= float(answer.attrs["target"]):
-        return "suffices"
+    verdict = str(answer.verdict.values)
+    if verdict != MISSES:
+        return "suffices" if verdict == MEETS else NOT_KNOWN
+    if math.isnan(required):
+        return "which width suffices is not known"
     if math.isinf(required):
         return "no width suffices"
-    if required > width:
+    if required > float(answer.width):
         return f"needs {round_width_up(required):.2f} m"
     # The width is sought with the median of the restitution, whose uncertainty adds to the
     # rate.
@@ -162,13 +218,13 @@ def round_width_up(width: float) -> float:
 
 
 def describe_required_width(answer: "xarray.Dataset") -> str:
-    """Describe the required width of one object as a number, "<= 0.2" or "none".
+    """Describe the required width of one object as a number, "<= 0.2", "none" or "not known".
 
     It is a bound where the target is met even at the narrowest width that was examined.
     """
     required = float(answer.required_width)
-    if math.isinf(required):
-        return "none"
+    if not math.isfinite(required):
+        return "none" if math.isinf(required) else NOT_KNOWN
     return f"{'<= ' if bool(answer.required_width_is_bound) else ''}{required:.6g}"
 
 
@@ -176,17 +232,23 @@ def describe_years(answer: "xarray.Dataset", unit: str = "") -> str:
     """Describe in how many years one object overturns once: "1,500", "1,100 to 2,000".
 
     There are two numbers where its restitution is assumed: those with the assumed one and with
-    the low one, the smaller number first. A rate of 0 is "never under these records".
+    the low one, the smaller number first. Rates below the last one of the hazard are not known:
+    "less than once in 2,475".
     """
     rates = [float(answer.rate)]
     if "rate_at_low_restitution" in answer and bool(answer.restitution_assumed):
         rates.append(float(answer.rate_at_low_restitution))
     target = 1 / float(answer.attrs["target"])
+    last_rate = float(answer.attrs["last_rate"])
     years = [
-        _round_years(1 / rate, target) for rate in sorted(rates, reverse=True) if rate > 0
+        _round_years(1 / rate, target)
+        for rate in sorted(rates, reverse=True)
+        if rate > last_rate
     ]
-    if not years:
+    if not years and last_rate == 0:
         return "never under these records"
+    if not years:
+        return f"less than once in {write_years(1 / last_rate)}{unit}"
     if len(years) < len(rates):
         return f"{years[0]}{unit} or more"
     return " to ".join(dict.fromkeys(years)) + unit
