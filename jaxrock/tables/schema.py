@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -144,7 +145,8 @@ def _find_columns(table: Table, columns: Mapping[str, Column]) -> dict[str, int]
     absent = [(name, *columns[name].synonyms) for name in columns if name not in positions]
     known = [name for names in absent for name in names if len(name) >= _SHORTEST]
     for head in table.heads:
-        parts = _drop_letters(head.name.lower())
+        # Of a bracket without its other one, the name in front of it.
+        parts = _drop_letters(re.split(r"[\[(]", head.name.lower())[0].strip())
         near = [name for name in known if parts & _drop_letters(name)]
         if near and not _find_name(head, columns):
             label = quote_word(head.label)

@@ -1,233 +1,190 @@
 """Files of networks are read right, and damaged ones are refused in one sentence."""
 
+import os
 import re
 
 import numpy as np
 import pytest
-from networks import FIRST, NETWORKS, POINTS, SECOND, UPWARD, make_at2, make_esm, make_knet
+from networks import FIRST, NETWORKS, SECOND, STEP, UPWARD, G, make_at2, make_esm, make_knet
 
 import jaxrock as jr
 
 pytestmark = pytest.mark.float64
 
 
-def write(folder, name, content):
-    path = folder / name
-    path.write_text(content, encoding="utf-8")
-    return path
-
-
 @pytest.mark.parametrize("network", NETWORKS)
-def test_components(tmp_path, network):
-    sample = NETWORKS[network]
-    path = write(tmp_path, sample.name, sample.content)
-    several = len(sample.components) > 1
-    for channel, right in sample.components.items():
+def test_components(tmp_path, write, network):
+    name, content, components, vertical = NETWORKS[network]
+    path = write(content, name)
+    several = len(components) > 1
+    for channel, right in components.items():
         record = jr.read_record(path, column=channel if several else None)
         np.testing.assert_allclose(record.acceleration, right, rtol=1e-14)
-        assert float(record.time_step) == sample.step
+        assert float(record.time_step) == STEP
     suite = jr.read_suite(tmp_path, vertical=several)
-    level = [channel for channel in sample.components if channel != sample.vertical]
-    assert [name.split(" ")[-1] for name in suite.names] == (
-        level if several else [*suite.names]
-    )
-    for record in suite:
-        if several:
-            np.testing.assert_allclose(record.vertical, sample.components[sample.vertical])
+    level = [channel for channel in components if channel != vertical]
+    assert len(suite) == len(level)
     if several:
+        assert [name.split(" ")[-1] for name in suite.names] == level
+        for record in suite:
+            np.testing.assert_allclose(record.vertical, components[vertical])
         with pytest.raises(ValueError, match=f"column must be given.*{level[0]}.*{level[1]}"):
             jr.read_record(path)
+    # What the caller states, too, must agree.
+    for options, reason in (
+        ({"unit": "in/s2"}, "unit is 'in/s2', but the file states"),
+        ({"time_step": 0.01}, "time_step is 0.01 s, but the file states 0.005 s"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            jr.read_record(path, column=level[0] or None, **options)
 
 
-DAMAGES = [(name, *damage) for name, sample in NETWORKS.items() for damage in sample.damages]
+DAMAGES = [
+    ("AT2", "NPTS=  43", "NPTS=  44", "44 values"),
+    ("AT2", "UNITS OF G", "UNITS OF CM/S", "CM/S"),
+    ("AT2", " IN UNITS OF G", "", "no unit is stated: give unit"),
+    ("AT2", "ACCELERATION TIME", "VELOCITY TIME", "velocity"),
+    ("AT2", ".0050 SEC", ".0050 SE4", ""),
+    ("ESM", "NDATA: 43", "NDATA: 42", "42 values"),
+    ("ESM", "cm/s^2\n", "m/s^2\n", "peak"),
+    ("ESM", "TYPE: ACC", "TYPE: VELOCITY OR ACC", ""),
+    ("ESM", f"{FIRST[5]:.6f}", f"{FIRST[5]:.6f}x", "number"),
+    ("ESM", "0.005000", "nan", "time step"),
+    ("ESM", "PGA_CM/S^2: ", "PGA_CM/S^2: absent", "number"),
+    ("COSMOS", "43 acceleration pts", "42 acceleration pts", "values in columns"),
+    ("COSMOS", "units=cm/sec2", "units=counts", "counts"),
+    ("COSMOS", "with 13 text", "with 12 text", ""),
+    ("CSMIP volume 1", "units of g.", "units of cm/sec2.", "peak"),
+    ("CSMIP volume 1", "at 200 pts/sec", "at 0 pts/sec", "time step"),
+    ("CSMIP volume 1", " Accelerogram points at 200 pts/sec", "", "was expected"),
+    ("CSMIP volume 2", "43 points of accel", "42 points of accel", "values in columns"),
+    ("CSMIP volume 2", "in cm/sec2", "in g", "peak"),
+    ("CSMIP volume 2", "End of Data", "Start of Data", "accel data"),
+    ("CSMIP volume 2", "at  .005 sec", "at  . sec", "number"),
+    ("GeoNet", "      43      43", "      42      43", "values in columns"),
+    ("GeoNet", "mm/s/s", "mm/s", "mm/s"),
+    ("GeoNet", "   1.000", "   0.100", "0.1"),
+    ("SMC", "        43", "        44", "values in columns"),
+    ("SMC", "CORRECTED ACCELEROGRAM", "VELOCITY", "VELOCITY"),
+    ("SMC", "|a comment\n", "", "comments"),
+    ("SMC", "2.0000000E+02", "0.0000000E+00", "time step"),
+    ("K-NET", "s)  0.215", "s)  0.225", "43 values"),
+    ("K-NET", "(gal)/1000000", "(gal)/8388608", "peak"),
+    ("K-NET", "E-W", "W-E", "direction"),
+    *((network, cut, "", "") for network in NETWORKS for cut in (1, 2, 9)),
+]
 
 
 @pytest.mark.parametrize(("network", "old", "new", "part"), DAMAGES)
-def test_damages(tmp_path, network, old, new, part):
-    sample = NETWORKS[network]
-    assert old in sample.content
-    path = write(tmp_path, sample.name, sample.content.replace(old, new, 1))
-    column = next(iter(sample.components)) or None
-    with pytest.raises(
-        ValueError, match=rf"^'.*{re.escape(sample.name)}'.*: .*{part}"
-    ) as error:
-        jr.read_record(path, column=column)
+def test_damages(write, network, old, new, part):
+    name, content, components, _ = NETWORKS[network]
+    if isinstance(old, int):
+        # As many characters less; behind the last number nothing is lost.
+        damaged = re.sub(r"\n[^\n]*End[^\n]*$", "", content.rstrip())[:-old]
+    else:
+        assert old in content
+        damaged = content.replace(old, new, 1)
+    path = write(damaged, name)
+    reason = rf"^'[^']*{re.escape(name)}'.*: .*{part}"
+    with pytest.raises(ValueError, match=reason) as error:
+        jr.read_record(path, column=next(iter(components)) or None)
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("network", NETWORKS)
-def test_the_caller_must_agree(tmp_path, network):
-    sample = NETWORKS[network]
-    path = write(tmp_path, sample.name, sample.content)
-    column = next(iter(sample.components)) or None
-    with pytest.raises(ValueError, match="unit is 'in/s2', but the file states"):
-        jr.read_record(path, column=column, unit="in/s2")
-    with pytest.raises(ValueError, match=r"time_step is 0.01 s, but the file states 0.005 s"):
-        jr.read_record(path, column=column, time_step=0.01)
+POINTS_AND_STEP = "NPTS=  43, DT=   .0050 SEC"
+HEADERS = [
+    (POINTS_AND_STEP, "DT= .0050 NPTS= 43", {}),
+    (POINTS_AND_STEP, "    43    .0050   NPTS, DT", {}),
+    (POINTS_AND_STEP, "NPTS= 43, DT= 5 MSEC", {}),
+    ("PEER NGA STRONG MOTION DATABASE RECORD\n", "", {}),
+    (" IN UNITS OF G", "", {"unit": "g"}),
+]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "step"),
-    [
-        ("NPTS=  43, DT=   .0050 SEC", "DT= .0050 NPTS= 43", 0.005),
-        ("NPTS=  43, DT=   .0050 SEC", "    43    .0050   NPTS, DT", 0.005),
-        ("NPTS=  43, DT=   .0050 SEC", "NPTS= 43, DT= 5 MSEC", 0.005),
-    ],
-)
-def test_older_headers_of_at2(tmp_path, old, new, step):
-    path = write(tmp_path, "a.AT2", make_at2().replace(old, new))
-    record = jr.read_record(path)
-    assert (record.samples, float(record.time_step)) == (POINTS, pytest.approx(step))
+@pytest.mark.parametrize(("old", "new", "options"), HEADERS)
+def test_other_headers_of_at2(write, old, new, options):
+    record = jr.read_record(write(make_at2().replace(old, new), "a.AT2"), **options)
+    np.testing.assert_allclose(record.acceleration * 981 / G, FIRST, rtol=1e-6)
+    assert float(record.time_step) == pytest.approx(STEP)
 
 
-def test_at2_that_states_no_unit(tmp_path):
-    path = write(tmp_path, "a.AT2", make_at2().replace(" IN UNITS OF G", ""))
-    with pytest.raises(ValueError, match=r"no unit is stated: give unit"):
-        jr.read_record(path)
-    np.testing.assert_allclose(
-        jr.read_record(path, unit="cm/s2").acceleration * 981, FIRST / 100, rtol=1e-6
-    )
-
-
-@pytest.mark.parametrize(
-    ("name", "title", "direction"),
-    [
-        ("RSN1_X_Y-UP", "a, b, UP (USGS STATION 942)", "up"),
-        ("RSN1_X_YDWN", "a, b", "down"),
-        ("RSN1_X_IU.CCM.BHZ.00", "a", "up"),
-        ("ABBAR--V", "a", "up"),
-        ("BACKUP", "a, b, 140", ""),
-        ("BACKUP", "a", "up"),
-        ("rsn1_a-up", "a", "up"),
-        ("backup", "a, b, S26W", ""),
-        ("x_khz", "a", ""),
-        ("x090", "a, b, DWN", "down"),
-    ],
-)
-def test_directions_of_at2(tmp_path, name, title, direction):
-    write(tmp_path, "other.AT2", make_at2())
-    write(tmp_path, f"{name}.AT2", make_at2(UPWARD, title))
-    suite = jr.read_suite(tmp_path)
-    assert (len(suite) == 1) == bool(direction)
-    assert (f"{name}.AT2" in suite.source) == bool(direction)
-
-
-# As the NGA databases and networks name the vertical components, and others beside them.
+# As the NGA databases and networks name the components, level ones in the order of their
+# vertical ones, and others beside them. Titles say more than names.
 VERTICAL = """RSN57_SFERN_ORRDWN RSN1244_CHICHI_CHY101-V NIGH11UD RSN4228_NIIGATA_NIGH11UD
-RSN8123_CCHURCH_RHSCUP CI.CLC.HNZ RSN8000_X_NZ.REHS.BHZ.00"""
-HORIZONTAL = """RSN57_SFERN_ORR021 RSN1244_CHICHI_CHY101-E NIGH11EW RSN4228_NIIGATA_NIGH11NS
-RSN8123_CCHURCH_RHSCN86W CI.CLC.HNE RSN8000_X_NZ.REHS.BHN.00 cloud setup record_v2"""
+RSN8123_CCHURCH_RHSCUP CI.CLC.HNZ RSN8000_X_NZ.REHS.BHZ.00 rsn1_a-up x090 x180 BACKUP"""
+LEVEL = """RSN57_SFERN_ORR021 RSN1244_CHICHI_CHY101-E NIGH11EW RSN4228_NIIGATA_NIGH11NS
+RSN8123_CCHURCH_RHSCN86W CI.CLC.HNE RSN8000_X_NZ.REHS.BHN.00 rsn1_a-n
+cloud setup backup x_khz record_v2 LOOKUP GROUP"""
+TITLES = {"x090": "a, b, UP (USGS STATION 942)", "x180": "a, DWN"}
+TITLES |= {"LOOKUP": "a, b, 140", "GROUP": "a, b, S26W"}
 
 
-def test_stations_by_the_names_of_their_files(tmp_path):
-    for k, name in enumerate(VERTICAL.split()):
-        write(tmp_path, f"{name}.AT2", make_at2((k + 1) * UPWARD, "a"))
-    for name in HORIZONTAL.split():
-        write(tmp_path, f"{name}.AT2", make_at2())
-    assert set(jr.read_suite(tmp_path).names) == set(HORIZONTAL.split())
-    for k, (level, upward) in enumerate(
-        zip(HORIZONTAL.split(), VERTICAL.split(), strict=False)
-    ):
-        if "DWN" not in upward:
-            files = [tmp_path / f"{name}.AT2" for name in (level, *VERTICAL.split())]
-            (record,) = jr.read_suite(files, vertical=True)
-            np.testing.assert_allclose(
-                record.vertical * 981 / 9.80665, (k + 1) * UPWARD, rtol=1e-6
-            )
+def test_stations_by_the_names_of_their_files(tmp_path, write):
+    upright, level = VERTICAL.split(), LEVEL.split()
+    for k, name in enumerate(upright + level, 1):
+        write(make_at2(k * UPWARD, TITLES.get(name, "a")), f"{name}.AT2")
+    suite = jr.read_suite(tmp_path)
+    assert set(suite.names) == set(level)
+    assert all(f"{name}.AT2" in suite.source for name in upright)
+    for k in range(1, 8):
+        files = [tmp_path / f"{name}.AT2" for name in (level[k], *upright)]
+        (record,) = jr.read_suite(files, vertical=True)
+        np.testing.assert_allclose(record.vertical * 981 / G, (k + 1) * UPWARD, rtol=1e-6)
 
 
-def test_a_folder_of_peer(tmp_path):
+def test_a_folder_of_peer(tmp_path, write):
     for name, values in {"CLS000": FIRST, "CLS090": SECOND, "CLS-UP": UPWARD}.items():
-        write(tmp_path, f"RSN753_LOMAP_{name}.AT2", make_at2(values, "a"))
+        write(make_at2(values, "a"), f"RSN753_LOMAP_{name}.AT2")
     for name in ("RSN753_LOMAP_CLS000.VT2", "._RSN753_LOMAP_CLS000.AT2", "_readME.txt"):
-        write(tmp_path, name, "no record\n")
-    write(tmp_path, "_SearchResults.csv", " PEER Ground Motion Database\nMagnitude Min:,6.5\n")
+        write("no record\n", name)
+    write(" PEER Ground Motion Database\nMagnitude Min:,6.5\n", "_SearchResults.csv")
     suite = jr.read_suite(tmp_path, vertical=True)
     assert suite.names == ("RSN753_LOMAP_CLS000", "RSN753_LOMAP_CLS090")
-    assert "2 records of the folder" in suite.source
-    assert "_SearchResults.csv" in suite.source
+    assert re.match("2 records of the folder .*left out: .*_SearchResults.csv", suite.source)
     for record in suite:
-        np.testing.assert_allclose(record.vertical * 981 / 9.80665, UPWARD, rtol=1e-6)
-    write(tmp_path, "RSN754_LOMAP_AND000.AT2", make_at2())
-    with pytest.raises(
-        ValueError, match=r"AND000.AT2': one vertical component was expected, got 0"
-    ):
+        np.testing.assert_allclose(record.vertical * 981 / G, UPWARD, rtol=1e-6)
+    write(make_at2(), "RSN754_LOMAP_AND000.AT2")
+    with pytest.raises(ValueError, match=r"AND000.AT2': one vertical component .* got 0"):
         jr.read_suite(tmp_path, vertical=True)
-    write(tmp_path, "RSN754_LOMAP_ANDDWN.AT2", make_at2(title="a"))
+    write(make_at2(title="a"), "RSN754_LOMAP_ANDDWN.AT2")
     with pytest.raises(ValueError, match="points down"):
         jr.read_suite(tmp_path, vertical=True)
 
 
-def test_vertical_components_in_other_files(tmp_path):
+def test_vertical_components_in_other_files(tmp_path, write):
     name = NETWORKS["ESM"].name
-    write(tmp_path, name, make_esm())
-    upward = write(tmp_path, name.replace("HNE", "HNZ"), make_esm(UPWARD, "HNZ"))
-    write(tmp_path, name.replace("ACC", "VEL"), make_esm().replace("TYPE: ACC", "TYPE: VEL"))
-    write(tmp_path, "HKD.EW2", make_knet(direction="5"))
-    write(tmp_path, "HKD.UD2", make_knet(direction="6"))
-    write(tmp_path, "HKD.EW1", make_knet(direction="2"))
-    write(tmp_path, "HKD.UD1", make_knet(direction="3"))
+    path = write(make_esm(), name)
+    upward = write(make_esm(UPWARD, "HNZ"), name.replace("HNE", "HNZ"))
+    write(make_esm().replace("TYPE: ACC", "TYPE: VEL"), name.replace("ACC", "VEL"))
+    for suffix, direction in {"EW2": "5", "UD2": "6", "EW1": "2", "UD1": "3"}.items():
+        write(make_knet(direction=direction), f"HKD.{suffix}")
     suite = jr.read_suite(tmp_path, vertical=True)
     assert suite.names == ("HKD.EW2", name.removesuffix(".ASC"))
     for left_out in ("HKD.EW1", "HKD.UD1", name.replace("ACC", "VEL")):
         assert left_out in suite.source
-    np.testing.assert_allclose(suite[1].vertical, UPWARD / 100)
-    record = jr.read_record(tmp_path / name, vertical=upward)
-    np.testing.assert_allclose(record.vertical, UPWARD / 100)
+    for record in (suite[1], jr.read_record(path, vertical=upward)):
+        np.testing.assert_allclose(record.vertical, UPWARD / 100)
     with pytest.raises(ValueError, match="column must be given; its components are 'HNZ'"):
         jr.read_record(upward)
     np.testing.assert_allclose(jr.read_record(upward, column="up").acceleration, UPWARD / 100)
 
 
-@pytest.mark.parametrize("cut", [1, 2, 9])
-@pytest.mark.parametrize("network", NETWORKS)
-def test_a_file_that_is_cut(tmp_path, network, cut):
-    sample = NETWORKS[network]
-    # Behind the last number nothing is lost.
-    content = re.sub(r"\n[^\n]*End.*", "", sample.content.rstrip())
-    path = write(tmp_path, sample.name, content[:-cut])
-    with pytest.raises(ValueError, match=re.escape(sample.name)):
-        jr.read_record(path, column=next(iter(sample.components)) or None)
-
-
-def test_other_files(tmp_path):
-    plain = write(tmp_path, "npts_dt.txt", "Valley station NS\n400 0.0100\n0.000272\n")
-    for part in ("delete the lines", "np.loadtxt", "jr.Record", "from_obspy"):
+def test_what_is_no_record(tmp_path, write):
+    plain = write("Valley station NS\n400 0.0100\n0.000272\n", "npts_dt.txt")
+    with pytest.raises(
+        ValueError, match=r"delete the lines.*jr.Record.*np.loadtxt.*from_obspy"
+    ):
+        jr.read_record(plain, unit="m/s2", time_step=0.01)
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "empty").mkdir()
+    for read, name, part in (
+        (jr.read_record, "", "folder"),
+        (jr.read_record, "nothing.AT2", "cannot be read"),
+        (jr.read_record, "pipe.csv", "regular file"),
+        (jr.read_suite, "nothing", "cannot be read"),
+        (jr.read_suite, "empty", "no file of a record"),
+    ):
         with pytest.raises(ValueError, match=part):
-            jr.read_record(plain, unit="m/s2", time_step=0.01)
-    film = NETWORKS["CSMIP volume 1"].content.replace(
-        " Accelerogram points at 200 pts/sec", ""
-    )
-    with pytest.raises(ValueError, match="was expected"):
-        jr.read_record(write(tmp_path, "film.v1", film))
-    for path in (tmp_path, tmp_path / "nothing.AT2"):
-        with pytest.raises(ValueError, match=r"folder|cannot be read"):
-            jr.read_record(path)
-
-
-@pytest.mark.parametrize(
-    ("network", "old", "new"),
-    [
-        ("AT2", "DT=   .0050 SEC", "DT=   .0050 SE4"),
-        ("AT2", "DT=   .0050 SEC", "DT=   . SEC"),
-        ("ESM", "0.005000", "nan"),
-        ("ESM", "PGA_CM/S^2: ", "PGA_CM/S^2: absent"),
-        ("CSMIP volume 1", "at 200 pts/sec", "at 0 pts/sec"),
-        ("CSMIP volume 2", "at  .005 sec", "at  . sec"),
-        ("SMC", "2.0000000E+02", "0.0000000E+00"),
-    ],
-)
-def test_numbers_of_headers(tmp_path, network, old, new):
-    sample = NETWORKS[network]
-    path = write(tmp_path, sample.name, sample.content.replace(old, new, 1))
-    assert old in sample.content
-    with pytest.raises(ValueError, match=re.escape(sample.name)):
-        jr.read_record(path, column=next(iter(sample.components)) or None)
-
-
-def test_an_at2_file_with_a_header_of_three_lines(tmp_path):
-    content = make_at2().replace("PEER NGA STRONG MOTION DATABASE RECORD\n", "")
-    path = write(tmp_path, "a.AT2", content)
-    with pytest.raises(ValueError, match="unit is 'gal', but the file states 'G'"):
-        jr.read_record(path, unit="gal")
-    assert jr.read_record(path).samples == POINTS
+            read(tmp_path / name)
+    with pytest.raises(ValueError, match="at least one"):
+        jr.read_suite([])

@@ -1,59 +1,107 @@
-"""Tables of impact times: names, units, other columns, and what is refused."""
+"""Tables of measurements: impact times, and tests that overturned or stood."""
 
 import numpy as np
 import pytest
-from tools.refused_files import check_refusal
 
-import jaxrock as jr
-from jaxrock.calibration import read_impact_times
+from jaxrock.calibration import read_impact_times, read_tests
 
 pytestmark = pytest.mark.float64
-DEGREE = np.pi / 180
-EXACT = """0.418553634813 0.998723613128 1.452847205662 1.823799227249 2.133470039794
-2.395333882480 2.618611839790 2.810057255420 2.974850458425"""
+G = 9.80665
+NAN = np.nan
 IMPACTS = [
     ("time [s]\n0.5\n0.9\n1.2\n", [0.5, 0.9, 1.2], None),
     # A peak is unknown, and the one after the last impact is not used.
-    ("# by phone\nimpact,time [min],velocity,max rotation [mrad]\n1,0,3,500\n2,1,2,\n3,2,1,nan\n",
-     [0, 60, 120], [0.5, np.nan]),
-    ("Cabinet 3;;\nimpact time [ms];Peak (deg);n\n500;-4,5;1\n\n900,5;9,0;2\n;;\n",
-     [0.5, 0.9005], [-4.5 * DEGREE]),
+    (
+        "# a\nn,time [min],max rotation [mrad]\n1,0,.5\n2,1,\n3,2,nan\n",
+        [0, 60, 120],
+        [5e-4, NAN],
+    ),
+    ("A;\nimpact time [ms];Peak (deg)\n5;-4,5\n\n9,5;9\n;\n", [5e-3, 9.5e-3], [-np.pi / 40]),
     ("t [s]\tNo.\tpeak [deg]\n.5\t1\t\n.9\t2\t\n", [0.5, 0.9], None),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
 @pytest.mark.parametrize(("content", "times", "peaks"), IMPACTS)
-def test_files_that_are_read(tmp_path, content, times, peaks, encoding):
-    path = tmp_path / "times.csv"
-    path.write_bytes(content.encode(encoding))
-    found = read_impact_times(path)
+def test_impact_times_are_read(write, content, times, peaks, encoding):
+    found = read_impact_times(write(content, encoding=encoding))
     np.testing.assert_allclose(found[0], times, rtol=1e-15)
-    expected = np.nan if peaks is None else peaks
-    np.testing.assert_allclose(np.nan if found[1] is None else found[1], expected, rtol=1e-15)
+    assert (found[1] is None) == (peaks is None)
+    if peaks is not None:
+        np.testing.assert_allclose(found[1], peaks, rtol=1e-15)
 
 
-def test_a_restitution_from_a_file(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("time [s]\n" + EXACT.replace(" ", "\n"))
-    fit = jr.fit_free_rocking(read_impact_times(path)[0], jr.Block(0.1, 5.0))
-    np.testing.assert_allclose(fit.restitution, 0.87, rtol=1e-12)
+SAMPLES = np.array([0, 0.1, -0.2, 0.05])
+TABLE = """Laboratory;;;;;;;;
+file;unit;time step [ms];column;scale;overturned;earthquake;max rotation [deg];name
+a.csv;;;;;no;Kobe;9,0;first
+a.csv;g;;;-2;Yes;Kobe;90,0;
+a.csv;;;;0,5;stood;Kobe;;a 2
+
+b.csv;gal;20;;;TRUE;Izmit;nan;
+c.csv;;;north [g];;0;Izmit;4,5;
+"""
 
 
+@pytest.fixture
+def folder(tmp_path, write):
+    """Motions: one that states everything, one of numbers alone, one of two columns."""
+    columns = [f"{0.01 * k:g},{a:g},{2 * a:g}\n" for k, a in enumerate(SAMPLES)]
+    rows = [f"{line.rpartition(',')[0]}\n" for line in columns]
+    write("".join(["time [s],acc [g]\n", *rows]))
+    write("acc\n" + "".join(f"{a:g}\n" for a in SAMPLES), "b.csv")
+    write("".join(["time [s],east [g],north [g]\n", *columns]), "c.csv")
+    return tmp_path
+
+
+def test_a_table_of_tests_is_read(folder, write):
+    tests = read_tests(write(TABLE, "tests.csv"))
+    assert tests.suite.names == ("first", "a", "a 2", "b", "c")
+    motions = [record.scale * record.acceleration for record in tests.suite]
+    for motion, factor in zip(motions, [G, -2 * G, 0.5 * G, 0.01, 2 * G], strict=True):
+        np.testing.assert_allclose(motion, factor * SAMPLES, rtol=1e-14, atol=1e-14)
+    steps = [float(record.time_step) for record in tests.suite]
+    np.testing.assert_allclose(steps, [0.01, 0.01, 0.01, 0.02, 0.01], rtol=1e-12)
+    assert tests.overturned.tolist() == [False, True, False, True, False]
+    assert tests.groups == ("Kobe",) * 3 + ("Izmit",) * 2
+    # A block that overturned has no peak, whatever was measured.
+    peaks = np.deg2rad([9, np.nan, np.nan, np.nan, 4.5])
+    np.testing.assert_allclose(tests.peak_rotations, peaks, rtol=1e-14)
+    assert str(tests).startswith("5 tests in 2 groups: 2 overturned, 3 stood\n")
+    few = read_tests(
+        str(write(f"overturned,remark,file\n1,x,a.csv\n0,,{folder}/a.csv\n", "t.csv"))
+    )
+    assert few.suite.names == ("a", "a 2")
+    assert few.groups is few.peak_rotations is None
+
+
+HEAD = "file,unit,time step [s],scale,overturned,group,peak rotation [deg],name\n"
+# What is read, and what the error must contain. How all tables are read is tested elsewhere.
 REFUSED = [
-    ("0.5\n0.9\n", ", line 1: .* time .s. .* '0.5'"),
-    ("time\n0.5\n0.9\n", ", line 1: column 'time' .* 'time .s.'"),
-    ("t [s],peak rotatoin [deg]\n0.5,1\n", ", line 1: .* 'peak rotation' meant"),
+    (read_impact_times, "0.5\n0.9\n", ("line 1", "time [s]", "'0.5'")),
+    (read_impact_times, "t [s],peak rotatoin [deg]\n0.5,1\n", ("'peak rotation' meant",)),
+    (read_impact_times, "t [s],peak [rad]\n0.5,9.1\n", ("line 2", "must be between", "'9.1'")),
+    (read_impact_times, "time [s]\n0\n1\n1\n", ("line 4", "times must increase")),
+    (read_tests, f"{HEAD}a.csv,,0,,1,,,", ("line 2", "greater than 0", "'0'")),
+    (read_tests, f"{HEAD}a.csv,,,0,1,,,", ("line 2", "not 0", "'0'")),
     (
-        "time [s],peak [rad]\n0.5,9.1\n",
-        ", line 2: column 'peak .rad.' must be between .* '9.1'",
+        read_tests,
+        f"{HEAD}a.csv,,,,no,,95,\na.csv,,,,no,,-1,",
+        ("line 2", "line 3", "peak rot"),
     ),
-    ("time [s]\n0\n1\n1\n", ", line 4: times must increase"),
+    (read_tests, f"{HEAD}a.csv,,,,yes,,,x\na.csv,,,,no,,,x", ("names must differ", "'x'")),
+    (
+        read_tests,
+        f"{HEAD}a.csv,,,,yes,A,,\na.csv,,,,no,,,",
+        ("line 3", "a group was expected"),
+    ),
+    # Motions: of all rows at once, each where it occurs first.
+    (read_tests, HEAD + 2 * "d.csv,,,,1,,,\n" + "b.csv,,,,1,,,", ("line 2: '", "line 4: '")),
 ]
 
 
-@pytest.mark.parametrize(("content", "message"), REFUSED)
-def test_files_that_are_refused(tmp_path, content, message):
-    path = tmp_path / "times.csv"
-    path.write_text(content)
-    check_refusal(path, message, read_impact_times)
+@pytest.mark.parametrize(("read", "content", "words"), REFUSED)
+def test_tables_that_are_refused(folder, write, read, content, words):
+    with pytest.raises(ValueError, match=r"^'.*tests\.csv'") as error:
+        read(write(content, "tests.csv"))
+    assert all(word in str(error.value) for word in words), str(error.value)

@@ -108,7 +108,10 @@ def read_suite(
     source += f" of the folder {paths[0].resolve().parent.name!r}" if of_folder else ""
     source += f"; left out: {quote_names(left_out)}" if left_out else ""
     if not named:
-        raise ValueError(f"a suite needs at least one horizontal component, got {source}")
+        files = quote_names(map(str, paths)) or "no file"
+        raise ValueError(
+            f"a suite needs at least one horizontal component, got {source}, of {files}"
+        )
     names, records = zip(*named, strict=True)
     return Suite(records, names, source=source)
 
