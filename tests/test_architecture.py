@@ -73,12 +73,12 @@ CODE_LINES = {
     "calibration": 1621,
     "calibration/outcomes": 1602,
     "accuracy": 644,
-    "grids": 789,
+    "grids": 786,
     "spectra": 812,
-    "risk": 3012,
+    "risk": 2473,
     "plot": 1691,
     "reports": 992,
-    "cli": 2886,
+    "cli": 2875,
 }
 
 

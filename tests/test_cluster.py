@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import functools
 import json
 import os
 import signal
@@ -54,10 +53,9 @@ def test_each_worker_has_processors_of_its_own(client):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["resonance", "fragility"])
-def test_workers_change_no_bit(client, name):
+def test_workers_change_no_bit(client):
     """Whatever precision they have by themselves."""
-    function, (*_, chunks) = GRIDS[name]
+    function, (*_, chunks) = GRIDS["resonance"]
     same_bits(function(chunks=chunks).compute(), function())
 
 
@@ -124,24 +122,6 @@ def test_a_run_that_is_killed_is_continued(tmp_path):
     assert not [*path.rglob("*.partial")]
     same_bits_but_attributes(opened(path), blocks())
     assert write_zarr(blocks(chunks={"free_period": 1}), path).taken_over == 15
-
-
-@pytest.mark.thorough
-def test_what_is_made_of_what_is_stored(tmp_path, monkeypatch):
-    """Curves over a suite come from stored responses: these are not computed again."""
-    function, (*_, chunks) = GRIDS["fragility"]
-    whole = function()
-    lazy = function(chunks=chunks)
-    path = tmp_path / "grid.zarr"
-    with dask.config.set(scheduler="synchronous"):
-        first = write_zarr(lazy, path)
-        same_bits_but_attributes(opened(path), whole)
-        for name in ("remark/0", "exceedance/1.0"):
-            (path / name).unlink()
-        monkeypatch.setattr("jaxrock.risk.fragility_curves.follow_within", None)
-        again = write_zarr(lazy, path)
-    assert again.taken_over == first.chunks - 2
-    same_bits_but_attributes(opened(path), whole)
 
 
 def grid(**changes):
@@ -398,22 +378,3 @@ def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
     alone = jr.rocking_spectrum(jr.example_record(), [1.0, 2.0, 3.0], 5.0, 0.9)
     assert opened(tmp_path / "r.zarr").margin.values.tobytes() == alone.margin.values.tobytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.zarr", "s.zarr"]
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_fragility_as_a_store_by_workers_of_its_own(tmp_path, monkeypatch, capsys):
-    quiet = functools.partial(local_cluster, dashboard_address=":0")
-    monkeypatch.setattr("jaxrock.grids.workers.local_cluster", quiet)
-    for k in range(2):
-        samples = "\n".join(map(str, np.asarray(record(150, k).acceleration)))
-        (tmp_path / f"{k}.csv").write_text(samples)
-    command = ("fragility", "--records", tmp_path, "--unit", "m/s2", "--time-step", 0.02)
-    command += ("--width", 0.2, "--levels", 0.2, 0.8)
-    stored = ("--store", tmp_path / "f.zarr", "--workers", 1)
-    code, out, err = run(capsys, *command, *stored)
-    assert (code, err) == (0, "")
-    assert ", 0 from an earlier run" in out.splitlines()[-1]
-    code, alone, _ = run(capsys, *command, "--out", tmp_path / "out")
-    assert code == 0
-    assert out.splitlines()[:-1] == [x for x in alone.splitlines() if "fragility." not in x]

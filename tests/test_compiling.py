@@ -150,7 +150,6 @@ CALLS = {
         1e-3 + 1e-4 * k,
         "width",
         (0.1, 0.5),
-        resolution=0.05,
     ),
     "outcome_probabilities": lambda k: jr.sensitivity.outcome_probabilities(
         block(k), 0.8, record(500 + k), jr.Uncertain({"restitution": 0.05 + 0.01 * k})

@@ -1,4 +1,4 @@
-"""Fragility and rates of many objects, and of uncertain ones: the same bits, closed forms."""
+"""Fragility and rates of many objects, and of uncertain ones: as alone, and closed forms."""
 
 import equinox as eqx
 import jax
@@ -20,39 +20,39 @@ LEVELS = np.geomspace(0.9, 6.0, 12)
 LINEARIZED = {"model": "linearized"}
 
 
-def equal(one, other):
-    """Whether two arrays have the same bits; NaN is NaN."""
-    one = np.asarray(one)
-    other = np.asarray(other)
-    return one.dtype == other.dtype and one.tobytes() == other.tobytes()
+def assert_close(one, other, name=""):
+    """Equal words, and numbers to 1e-12."""
+    one, other = np.asarray(one), np.asarray(other)
+    if one.dtype.kind == "U":
+        assert (one == other).all(), name
+    else:
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14, err_msg=name)
 
 
 @pytest.mark.thorough
+@DOUBLE
 @pytest.mark.parametrize(
     "uncertain", [None, jr.Uncertain({"half_width": 0.1, "restitution": 0.05}, samples=4)]
 )
-def test_fragility_of_many_has_the_bits_of_each(uncertain):
-    """Also lazily, in chunks that cut every dimension."""
+def test_fragility_of_many_is_that_of_each(uncertain):
     options = {**LINEARIZED, "uncertain": uncertain, "tolerance": 1e-2}
     names = ["vase", "bust", "case"]
     arguments = (BLOCKS, RESTITUTIONS, pulses(50), LEVELS[:5])
     many = jr.fragility(*arguments, names=names, **options)
     assert many.exceedance.dims == ("object", "level", "threshold")
     assert many.object.values.tolist() == names
-    chunks = {"object": 2, "record": 2, "level": 3}
-    lazy = jr.fragility(*arguments, names=names, chunks=chunks, **options).compute()
-    for name in many:
-        assert equal(many[name], lazy[name]), name
     for k in (0, 2):
         block = jr.Block(HALF_WIDTHS[k], 4.0)
         one = jr.fragility(block, RESTITUTIONS[k], *arguments[2:], **options)
         assert one.exceedance.dims == ("level", "threshold")
         for name in one:
-            assert equal(one[name], many[name].isel(object=k)), name
+            # Estimates of errors are differences.
+            if name != "error":
+                assert_close(one[name], many[name].isel(object=k), name)
 
 
 def test_an_integration_that_does_not_finish_is_named(monkeypatch):
-    """By its object, its record and its level, also in a chunk that has only some of them."""
+    """By its object, its record and its level."""
 
     def fail_at_last(*arguments):
         estimate = follow_within(*arguments)
@@ -60,16 +60,13 @@ def test_an_integration_that_does_not_finish_is_named(monkeypatch):
         status.flat[-1] = jr.Status.STOPPED
         return eqx.tree_at(lambda found: found.response.status, estimate, status)
 
-    monkeypatch.setattr("jaxrock.risk.fragility_curves.follow_within", fail_at_last)
+    monkeypatch.setattr("jaxrock.risk.response_table.follow_within", fail_at_last)
     suite = jr.Suite([*pulses(50)][:2], ["napa", "kobe"])
     arguments = (BLOCKS, 0.8, suite, [1.0, 2.0])
     options = {**LINEARIZED, "names": ["vase", "bust", "case"], "tolerance": 1e-2}
     message = r"did not finish for object 'case'.* record 'kobe' at level 2$"
     with pytest.raises(ValueError, match=message):
         jr.fragility(*arguments, **options)
-    lazy = jr.fragility(*arguments, **options, chunks={"object": 1, "record": 1})
-    with pytest.raises(ValueError, match=message):
-        lazy.isel(object=2, record=1).margin.compute()
 
 
 @pytest.mark.thorough
@@ -79,31 +76,26 @@ def test_fragility_over_a_measure_of_the_block():
     many = jr.fragility(BLOCKS, 0.8, pulses(50), [0.9, 1.1], **options)
     np.testing.assert_array_equal(many.exceedance[..., 0], [[0, 1]] * 3)
     alone = jr.fragility(jr.Block(0.32, 4.0), 0.8, pulses(50), [0.9, 1.1], **options)
-    assert equal(alone.rotation_ratio, many.rotation_ratio[2])
+    assert_close(alone.rotation_ratio, many.rotation_ratio[2])
 
 
 @DOUBLE
 @SLOW
-def test_rates_of_many_have_the_bits_of_each(monkeypatch):
-    """Whether their boundaries are sought together or in groups; and so have derivatives."""
+def test_rates_of_many_are_those_of_each():
+    """And so are derivatives."""
     site = jr.Site(pulses(50), hazard, levels=LEVELS)
 
     def rates(block, restitution):
         return jr.overturning_rate(block, restitution, site, **LINEARIZED)
 
     many = rates(BLOCKS, RESTITUTIONS)
-    monkeypatch.setattr("jaxrock.risk.site_boundaries.AT_ONCE", 2 * 3 * LEVELS.size)
-    grouped = rates(BLOCKS, RESTITUTIONS)
-    leaves = (jax.tree.leaves(rate) for rate in (many, grouped))
-    for together, in_groups in zip(*leaves, strict=True):
-        assert equal(together, in_groups)
     derivatives = jax.grad(lambda block: rates(block, RESTITUTIONS).rate.sum())(BLOCKS)
     for k in range(3):
         block = jr.Block(HALF_WIDTHS[k], 4.0)
         single = rates(block, RESTITUTIONS[k])
         for name in ("rate", "standard_error", "not_detected", "complete"):
-            assert equal(getattr(single, name), getattr(many, name)[k]), name
-        assert equal(single.contributions, many.contributions[:, k])
+            assert_close(getattr(single, name), getattr(many, name)[k], name)
+        assert_close(single.contributions, many.contributions[:, k])
         assert float(single.rate) == pytest.approx(
             float(closed_rate("pgv", HALF_WIDTHS[k], 4.0, 4 / 3)), rel=1e-3
         )

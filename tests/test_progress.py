@@ -183,9 +183,9 @@ def test_steps_around_a_site_have_names_and_percentages(messages):
     jr.risk.rate_elasticities(block, 0.8, site)
     text = messages.text
     for label, number in (
-        ("required width, outcomes at values", 5),
-        ("required width, boundaries between levels", 3),
+        ("required width, search for boundaries", 5),
+        ("required width, boundaries between values", 3),
         ("boundaries between values", 3),
-        ("elasticities, boundaries between levels", 3),
+        ("elasticities, boundaries between values", 3),
     ):
         check_percents(read_percents(text, f" {label}"), number)

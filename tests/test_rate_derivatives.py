@@ -8,8 +8,6 @@ import scenes
 from references.half_sine_rates import OFTEN, POWER, closed_rate, hazard, pulses
 
 import jaxrock as jr
-from jaxrock.risk.objects import gather_objects
-from jaxrock.risk.outcome_table import Cases, compute_rates, tabulate_outcomes
 
 DOUBLE = pytest.mark.float64
 SLOW = pytest.mark.thorough
@@ -228,7 +226,7 @@ NOISE = jr.Hazard([0.1, 0.4, 1.0, 3.0], [1e-2, 1e-3, 1e-4, 1e-6])
 
 @pytest.mark.thorough
 @DOUBLE
-def test_a_rate_has_the_bits_that_it_has_alone():
+def test_a_rate_is_what_it_is_alone():
     """Whatever other objects, and however many boundaries they have."""
     site = jr.Site(scenes.suite(), NOISE, spacing=0.05)
     widths = np.array([0.05, 0.12, 0.3])
@@ -240,9 +238,8 @@ def test_a_rate_has_the_bits_that_it_has_alone():
         alone = jr.overturning_rate(jr.Block(widths[k], ratios[k]), 0.8, site)
         for name in ("rate", "contributions", "standard_error", "not_detected", "complete"):
             expected = np.asarray(getattr(alone, name))
-            assert np.asarray(getattr(many, name))[..., k].tobytes() == expected.tobytes(), (
-                name
-            )
+            together = np.asarray(getattr(many, name))[..., k]
+            np.testing.assert_allclose(together, expected, rtol=1e-12, err_msg=name)
 
 
 def two_sines():
@@ -250,21 +247,6 @@ def two_sines():
     along = np.sin(2 * np.pi * np.linspace(0, 1, 51))
     suite = jr.Suite([jr.Record(3 * along, duration / 50) for duration in (0.8, 1.0)])
     return jr.Site(suite, jr.Hazard(*CURVE))
-
-
-@DOUBLE
-@pytest.mark.parametrize("accuracy", [1e-3, 1e-6])
-def test_located_rates_are_as_accurate_as_asked(accuracy):
-    """Against boundaries located to 1e-9; the stated error is at most the accuracy."""
-    site = two_sines()
-    block = jr.Block(np.array([0.1, 0.12, 0.14]), 4.0)
-    exact = np.asarray(jr.overturning_rate(block, 0.7, site).rate)
-    cases = Cases.of(gather_objects(block, 0.7), site, jr.Nonlinear())
-    levels = np.asarray(site.levels)
-    rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, accuracy)
-    assert (rates.error <= accuracy * rates.rate).all()
-    assert (abs(rates.rate - exact) <= 4 * rates.error + 1e-8 * exact).all()
-    np.testing.assert_allclose(rates.contributions.mean(axis=0), rates.rate, rtol=1e-13)
 
 
 @DOUBLE
@@ -277,11 +259,11 @@ def test_the_rate_of_samples_is_the_mean_of_theirs():
     flat = jax.tree.map(np.ravel, draws.block)
     exact = jr.overturning_rate(flat, draws.restitution.ravel(), site)
     by_sample = np.reshape(exact.rate, (2, 4))
-    # Each is accurate to a standard error of 1e-4.
-    np.testing.assert_allclose(answer.sample_rates, by_sample, rtol=4e-4)
-    np.testing.assert_allclose(answer.rate, by_sample.mean(axis=1), rtol=4e-4)
+    # Each boundary is located to 1e-5.
+    np.testing.assert_allclose(answer.sample_rates, by_sample, rtol=1e-4)
+    np.testing.assert_allclose(answer.rate, by_sample.mean(axis=1), rtol=1e-4)
     contributions = np.reshape(exact.contributions, (2, 2, 4)).mean(axis=-1)
-    np.testing.assert_allclose(answer.contributions, contributions, rtol=1e-3)
+    np.testing.assert_allclose(answer.contributions, contributions, rtol=1e-4)
     error = np.asarray(answer.contributions).std(axis=0, ddof=1) / np.sqrt(2)
     np.testing.assert_allclose(answer.standard_error, error, rtol=1e-12)
     assert answer.boundaries is None
@@ -306,22 +288,3 @@ def test_the_rate_of_an_uncertain_block_in_closed_form():
     deviation = np.sqrt(np.dot(weights, (rates - exact) ** 2) / weights.sum())
     assert float(answer.sample_rates.std()) == pytest.approx(deviation, rel=0.02)
     assert "256 samples of uncertain parameters" in str(answer)
-
-
-@pytest.mark.thorough
-@DOUBLE
-def test_both_ways_to_a_rate_find_the_same_boundaries():
-    """Under noise, with several boundaries between two levels: of these the same is found."""
-    noise = np.random.default_rng(5).standard_normal((3, 603)).cumsum(axis=1)
-    # Smooth, and without a drift.
-    noise = np.diff(noise[:, 2:] - noise[:, :-2], append=0.0)
-    suite = jr.Suite([jr.Record(samples, 0.02) for samples in noise])
-    site = jr.Site(suite, jr.Hazard([0.2, 20.0], [1e-2, 1e-4]), spacing=0.1)
-    block = jr.Block(0.1, 4.0)
-    expected = jr.overturning_rate(block, 0.95, site)
-    assert int(np.asarray(expected.boundaries.count).sum()) > 10
-    cases = Cases.of(gather_objects(block, 0.95), site, jr.Nonlinear())
-    levels = np.asarray(site.levels)
-    rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, 1e-8)
-    assert rates.rate[0] == pytest.approx(float(expected.rate), rel=1e-7)
-    np.testing.assert_allclose(rates.contributions[:, 0], expected.contributions, rtol=1e-6)

@@ -61,7 +61,7 @@ def test_width_at_this_height_in_closed_form():
 @pytest.mark.thorough
 @DOUBLE
 def test_many_objects_at_once():
-    """Each has the bits that it has alone; bounds and targets may be its own."""
+    """Each has the answer that it has alone; bounds and targets may be its own."""
     site = site_of_pulses(100)
     heights = np.array([1.5, 2.0])
     blocks = jr.Block.from_size(width=0.5, height=heights)
@@ -72,7 +72,7 @@ def test_many_objects_at_once():
     for name in ("value", "rate", "not_detected", "count", "complete"):
         single = np.asarray(getattr(alone, name))
         all_ = np.asarray(getattr(many, name))
-        assert single.tobytes() == all_[1].tobytes(), name
+        np.testing.assert_allclose(single, all_[1], rtol=1e-12, err_msg=name)
     assert len(many.reasons) == 2
 
 
@@ -96,19 +96,12 @@ def test_the_rate_at_the_value_is_not_above_the_target(make_suite, cases):
     block = jr.Block.from_size(width=width, height=height)
     target = np.asarray(jr.overturning_rate(block, restitution, site).rate)
     bounds = (0.08 * height, 0.6 * height)
-    answer = jr.required_value(
-        block, restitution, site, target, "width", bounds, resolution=0.01
-    )
+    answer = jr.required_value(block, restitution, site, target, "width", bounds)
     assert np.isfinite(answer.value).all()
     assert (np.asarray(answer.rate) <= target).all()
     changed = jr.Block.from_size(width=np.asarray(answer.value), height=height)
     exact = jr.overturning_rate(changed, restitution, site)
-    difference = abs(np.asarray(answer.rate) - np.asarray(exact.rate))
-    # Under noise several boundaries may lie between two levels, of which `overturning_rate` may
-    # locate another one: that is a part of what is not detected.
-    bound = np.asarray(exact.not_detected)
-    allowed = 1e-5 * np.asarray(exact.rate) if make_suite is sine_suite else bound
-    np.testing.assert_array_less(difference, allowed)
+    np.testing.assert_allclose(answer.rate, exact.rate, rtol=1e-9)
     np.testing.assert_allclose(answer.not_detected, exact.not_detected, rtol=1e-9)
 
 
@@ -161,19 +154,19 @@ def test_against_brute_force(cycles, objects):
         target = float(np.quantile(rates, random.uniform(0.2, 0.8))) * 1.0001
         block = jr.Block.from_size(width=1.0, height=height)
         answer = jr.required_value(
-            block, restitution, site, target, "width", bounds, resolution=1e-3, **LINEARIZED
+            block, restitution, site, target, "width", bounds, **LINEARIZED
         )
         beyond = widths > float(answer.value)
         before = np.flatnonzero(~beyond)[-1]
         slack = unknown if cycles > 1 else np.zeros(400)
         assert (rates[beyond] <= target + slack[beyond]).all()
-        # The grid is 0.5 % apart, the value within 0.1 % of the crossing.
+        # The grid is 0.5 % apart, and so close is the value to the crossing.
         assert max(rates[before - 1 : before + 1]) > target - slack[before]
         if cycles == 1:
             listed = np.asarray(answer.crossings)[: int(answer.count)]
             for at in np.flatnonzero(np.diff((rates > target).astype(int))):
                 nearest = np.min(abs(listed / widths[at] - 1))
-                assert nearest < 2 * (widths[1] / widths[0] - 1) + 2e-3
+                assert nearest < 2 * (widths[1] / widths[0] - 1) + 6e-3
 
 
 @DOUBLE
@@ -186,11 +179,11 @@ def test_against_brute_force(cycles, objects):
             "none: at the upper bound, 1.2 m, width at this height, the rate",
         ),
         ({"target": 1e-2}, 0.3, "width at this height: the rate is below 0.01 1/yr at all"),
-        ({"along": "height", "side": "below", "bounds": (0.5, 5.0)}, None, "up to there the"),
+        ({"along": "height", "bounds": (0.5, 5.0)}, None, "up to there the"),
         pytest.param(
-            {"along": "height", "bounds": (0.5, 5.0)},
-            np.inf,
-            "none: at the upper bound, 5 m,",
+            {"along": "height", "bounds": (2.5, 5.0)},
+            -np.inf,
+            "none: at the lower bound, 2.5 m,",
             marks=SLOW,
         ),
         pytest.param(
@@ -201,7 +194,7 @@ def test_against_brute_force(cycles, objects):
         ),
         (
             {"along": "restitution", "bounds": (0.0, 1.0), "target": 5e-5},
-            np.inf,
+            -np.inf,
             "above 5e-05 1/yr",
         ),
     ],

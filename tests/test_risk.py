@@ -21,8 +21,6 @@ from scipy import optimize, stats
 import jaxrock as jr
 from jaxrock.driven import follow_batch
 from jaxrock.risk.lognormal import BoundarySums, fit_lognormal, sum_powers
-from jaxrock.risk.objects import gather_objects
-from jaxrock.risk.outcome_table import Cases
 
 DOUBLE = pytest.mark.float64
 SLOW = pytest.mark.thorough
@@ -413,22 +411,17 @@ def test_a_remark_says_where_exceedance_decreases():
 
 
 def test_an_integration_that_does_not_finish_is_named(monkeypatch):
-    """By its record, the level, and the object if there are several."""
+    """By its record."""
 
-    def follow_none(batch, model):
-        response = follow_batch(batch, model)
+    def follow_none(batch, *options, **others):
+        response = follow_batch(batch, *options, **others)
         stopped = np.full(batch.shape, jr.Status.STOPPED, np.int8)
-        return eqx.tree_at(lambda answer: answer.status, response, stopped)
+        answers = (stopped, np.full(batch.shape, np.nan))
+        return eqx.tree_at(lambda answer: (answer.status, answer.margin), response, answers)
 
-    objects = gather_objects(jr.Block(np.array([0.2, 0.3]), 5.0), 0.8, ["vase", "urn"])
     site = jr.Site(scenes.suite(), jr.Hazard([0.1, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9])
-    cases = Cases.of(objects, site, jr.Nonlinear())
-    monkeypatch.setattr("jaxrock.risk.outcome_table.follow_batch", follow_none)
-    message = "^integration did not finish for record 'second' at level 0.9, object 'urn'"
-    number = np.array([1])
-    with pytest.raises(ValueError, match=message):
-        cases.simulate(number, number, np.array([0.9]))
-    message = "^integration did not finish for record 'first' at level 0.2"
+    monkeypatch.setattr("jaxrock.overturning.quantities.follow_batch", follow_none)
+    message = "^integration did not finish for record 'first'"
     uncertain = jr.Uncertain({"restitution": 0.1}, samples=2)
     with pytest.raises(ValueError, match=message):
         jr.overturning_rate(jr.Block(0.2, 5.0), 0.8, site, uncertain)

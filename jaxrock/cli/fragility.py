@@ -1,7 +1,5 @@
 """The command about suites of records: fragility, and the rate of overturning at a site."""
 
-import functools
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -28,11 +26,9 @@ from .options import (
     Folder,
     Grid,
     ModelName,
-    StoreOptions,
     read_numbers,
     refuse,
 )
-from .stores import write_store
 from .wrong_calls import naming_arguments, suggest_number
 
 if TYPE_CHECKING:
@@ -54,7 +50,6 @@ def fragility(  # noqa: PLR0913
     block_options: BlockOptions = BlockOptions(),
     out: Folder | None = None,
     output: FileOutput = FileOutput(),
-    store_options: StoreOptions = StoreOptions(),
 ) -> Answer:
     """Compute the fragility of a block under records; with a hazard, the rate of overturning.
 
@@ -106,21 +101,26 @@ def fragility(  # noqa: PLR0913
         with naming_arguments(coefficients_of_variation="--uncertain"):
             uncertainty.draw(block, c, on_floor=suite.floor is not None)
     about = describe_options("fragility", options)
-    compute = functools.partial(
-        risk.fragility,
-        block,
-        c,
-        suite,
-        None if levels is None else read_numbers("levels", levels),
-        measure,
-        thresholds,
-        uncertain=uncertainty,
-        tolerance=tolerance,
-        model=model,
-    )
+    target = out or Path("fragility")
+    with write_whole("out", target, _FILES, output.force) as folder:
+        from ..plot import plot_fragility
 
-    def answer(curves: "xarray.Dataset") -> Answer:
-        """Describe the curves, and with a hazard the rate as well."""
+        curves = risk.fragility(
+            block,
+            c,
+            suite,
+            None if levels is None else read_numbers("levels", levels),
+            measure,
+            thresholds,
+            uncertain=uncertainty,
+            tolerance=tolerance,
+            model=model,
+        ).assign_attrs(about)
+        curves.to_netcdf(folder / "fragility.nc")
+        # A table has columns of one length: fits of whole curves are in the other files.
+        over_level = [n for n in curves if curves[n].dims == ("level", "threshold")]
+        write_table(curves[over_level], folder / "fragility.csv")
+        save_picture(plot_fragility(curves), folder / "fragility.png")
         lines, data = _describe_curves(curves, str(suite))
         lines.insert(0, block_options.scene_text)
         if suite.source:
@@ -139,22 +139,8 @@ def fragility(  # noqa: PLR0913
                 mean = overturning_rate(block, c, site, uncertainty, model=model)
                 lines.append(f"with uncertain parameters: {mean}")
                 data["rate_with_uncertainty"] = float(mean.rate)
-        return Answer("\n".join(lines), data, output)
-
-    if store_options.wants_store(out, output.force):
-        return write_store(compute(chunks="auto").assign_attrs(about), store_options, answer)
-    target = out or Path("fragility")
-    with write_whole("out", target, _FILES, output.force) as folder:
-        from ..plot import plot_fragility
-
-        curves = compute().assign_attrs(about)
-        curves.to_netcdf(folder / "fragility.nc")
-        # A table has columns of one length: fits of whole curves are in the other files.
-        over_level = [n for n in curves if curves[n].dims == ("level", "threshold")]
-        write_table(curves[over_level], folder / "fragility.csv")
-        save_picture(plot_fragility(curves), folder / "fragility.png")
-        described = answer(curves)
-    return replace(described, files=[target / name for name in _FILES])
+    files = [target / name for name in _FILES]
+    return Answer("\n".join(lines), data, output, files)
 
 
 def _read_threshold(word: str) -> float | str:

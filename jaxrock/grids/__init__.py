@@ -2,7 +2,7 @@
 
 Dask and Zarr come with ``jaxrock[cluster]``. With ``chunks``, functions that return a dataset
 over a grid return it lazily: `resonance_spectrum`, `rocking_spectrum`,
-`overturning_spectrum`, `overturning_map`, `harmonic_spectrum` and `fragility`.
+`overturning_spectrum`, `overturning_map` and `harmonic_spectrum`.
 """
 
 from importlib.util import find_spec

@@ -76,9 +76,6 @@ class Grid:
         Sizes of dimensions that are not axes.
     shared : pytree
         Arguments that all points have in common.
-    whole : str, optional
-        The last axis, if it is computed as a whole, since variables without it depend on all
-        of it. Chunks along it are cut from the answer.
     """
 
     title: str
@@ -91,7 +88,6 @@ class Grid:
     labels: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     columns: Mapping[str, int] = field(default_factory=dict)
     shared: PyTree = None
-    whole: str = ""
 
     def __post_init__(self) -> None:
         """Leave out the dimensions of axes that are single numbers."""
@@ -119,8 +115,6 @@ class Grid:
 
         sizes = {name: values.size for name, values in self.axes.items() if values.ndim}
         lengths = lazy.choose_chunks(chunks, sizes, self.usual)
-        wanted = {self.whole: lengths[self.whole]} if self.whole else {}
-        lengths |= {name: (sizes[name],) for name in wanted}
 
         # What distinguishes a grid beside its numbers: names of tasks follow from it.
         identity = (self.title, dict(self.attributes), read_version())
@@ -128,7 +122,7 @@ class Grid:
         arrays = lazy.make_lazy_arrays(
             compute, self.shared, self.axes, lengths, self.variables, self.columns, identity
         )
-        return self.label(arrays).chunk(wanted)
+        return self.label(arrays)
 
     def drop_values(self) -> "Grid":
         """Return the grid without the values of its axes and its shared part.

@@ -65,6 +65,7 @@ def refine_brackets(
     traced: bool,
     alone: bool = False,
     tolerance: float | None = None,
+    lanes: int = _LANES,
 ) -> SignChanges:
     """Refine each bracket until it is as narrow as a tolerance.
 
@@ -82,6 +83,8 @@ def refine_brackets(
         [-]. With a tolerance brackets are bisected: of several sign changes in one the same is
         found whatever the tolerance is. By default, and at least, as rounding allows: the ends
         are neighbours.
+    lanes : int
+        Number of values that take about as long as one, of concrete brackets.
 
     Returns
     -------
@@ -113,12 +116,11 @@ def refine_brackets(
                 leaves, structure = jax.tree.flatten(iterate)
                 selected = jax.tree.unflatten(structure, [leaf[wide] for leaf in leaves])
                 # Few values take as long as a batch of them, so that all of it is used.
-                parts = _LANES // wide.size
+                parts = lanes // wide.size
                 case = pairs.case[wide]
                 bisections = selected.count_bisections()
                 if alone:
-                    levels = max((parts + 1).bit_length() - 1, 1)
-                    levels = min(levels, _MOST_LEVELS)
+                    levels = min(max((parts + 1).bit_length() - 1, 1), _MOST_LEVELS)
                     work.expect(bisections * (2**levels - 1) / levels)
                     better = _step_ahead(evaluate, propose, selected, case, levels)
                 elif parts >= 4 and tolerance is None:

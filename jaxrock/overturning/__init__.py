@@ -13,6 +13,7 @@ from .pulse_thresholds import check_range as check_range
 from .pulse_thresholds import search_amplitudes_alone as search_amplitudes_alone
 from .quantities import UNITS as UNITS
 from .quantities import Search as Search
+from .quantities import Subject as Subject
 from .quantities import check_subject as check_subject
 
 __all__ = ["Boundaries", "SurvivalWindows"]

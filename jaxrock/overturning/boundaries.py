@@ -182,8 +182,7 @@ def find_boundaries(subject: Subject, places: Reals, search: Search) -> Boundari
     # The boundaries under a record must not depend on which others are in its suite.
     alone = search.alone or isinstance(subject.motion, GroundMotions)
     search = search._replace(model=as_model(search.model), alone=alone)
-    boundaries, _ = _compute_boundaries(subject, places, search=search)
-    return boundaries
+    return _compute_boundaries(subject, places, search=search)[0]
 
 
 @eqx.filter_custom_jvp

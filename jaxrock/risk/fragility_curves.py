@@ -1,69 +1,77 @@
 """Fragility: probabilities of exceeding thresholds under a suite, over the intensity."""
 
-import functools
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-import jax
 import numpy as np
-import numpy.typing as npt
 
 from ..block import Block, size_of
-from ..driven import (
-    Batch,
-    BatchResponse,
-    Labels,
-    follow_batch,
-    follow_within,
-    require_complete,
-)
-from ..grids import DataType, Grid, GridVariable, apply_padded
-from ..ground_motion import MEASURES, Suite, describe_suite, require_positive_measures
-from ..host import add_names
-from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..grids import describe_axis
+from ..ground_motion import MEASURES, Suite, describe_suite
+from ..host import add_names, make_dataset
+from ..resonance import ModelLike, Nonlinear, as_model
 from ..sensitivity import Uncertain
 from ..validation import (
     POSITIVE,
-    AnyArray,
     Number,
     Numbers,
     as_name,
     as_real,
     check,
-    check_increasing,
     check_kind,
 )
-from .boundary_sums import find_uplift_levels, sum_boundaries
 from .exceedance import (
     NAMED_THRESHOLDS,
     Threshold,
-    add_curves,
+    compute_curve,
     describe_variable,
     name_thresholds,
 )
-from .floor_samples import vary_motions
-from .lognormal import sum_powers
 from .objects import Objects, gather_objects
-from .site import require_single_scales
+from .response_table import simulate_responses
+from .site import check_levels, require_single_scales
 
 if TYPE_CHECKING:
     import xarray
 
-    from ..grids import Chunks
-
-_LARGEST = 2**14  # responses that are simulated at once
-_USUAL = 2**11  # responses in a chunk of a lazy dataset
-_SUMS = "sums of ln(level)^k where exceedance begins, minus where it ends, for k = 0, 1, 2"
-# Type, long name and unit of the variables over record and level.
-_RESPONSES: dict[str, tuple[DataType, str, str]] = {
-    "factor": (float, "factor on the record", "1"),
-    "rotation_ratio": (float, "peak rotation over critical angle", "1"),
-    "peak_rotation": (float, "peak rotation", "rad"),
-    "overturned": (np.int8, "1 where the block overturns", "1"),
-    "margin": (float, "margin at the end of the input, overturns below 0", "1"),
-    "impacts": (int, "number of impacts", "1"),
-    "error": (float, "upper bound of the relative error of the peak rotation", "1"),
-    "within_tolerance": (np.int8, "1 where the error is within the tolerance", "1"),
+_OF_LEVELS = "object threshold level"
+_OF_CURVES = "object threshold"
+_OF_RESPONSES = "record object sample level"
+_DISPERSION = "standard deviation of ln(level)"
+# Dimensions, as they are computed, long name and unit of each variable; without a unit, it has
+# the one of the measure, or none.
+_VARIABLES: dict[str, tuple[str, str, str]] = {
+    "exceedance": (_OF_LEVELS, "probability of exceedance", "1"),
+    "exceedance_low": (_OF_LEVELS, "lower limit of the Clopper-Pearson interval", "1"),
+    "exceedance_high": (_OF_LEVELS, "upper limit of the Clopper-Pearson interval", "1"),
+    "lognormal": (_OF_LEVELS, "maximum-likelihood lognormal fragility curve", "1"),
+    "lognormal_median": (_OF_CURVES, "median of the lognormal curve", ""),
+    "lognormal_dispersion": (_OF_CURVES, f"{_DISPERSION} of that curve", "1"),
+    "remark": (_OF_CURVES, "remark on the lognormal curve", ""),
+    "dispersion_of_records": (_OF_CURVES, f"{_DISPERSION} due to the records", "1"),
+    "dispersion_of_parameters": (
+        _OF_CURVES,
+        f"{_DISPERSION} due to uncertain parameters",
+        "1",
+    ),
+    "fraction_within_tolerance": (
+        "object level",
+        "fraction of responses within the tolerance",
+        "1",
+    ),
+    "factor": (_OF_RESPONSES, "factor on the record", "1"),
+    "rotation_ratio": (_OF_RESPONSES, "peak rotation over critical angle", "1"),
+    "peak_rotation": (_OF_RESPONSES, "peak rotation", "rad"),
+    "overturned": (_OF_RESPONSES, "1 where the block overturns", "1"),
+    "margin": (_OF_RESPONSES, "margin at the end of the input, overturns below 0", "1"),
+    "impacts": (_OF_RESPONSES, "number of impacts", "1"),
+    "error": (_OF_RESPONSES, "upper bound of the relative error of the peak rotation", "1"),
+    "within_tolerance": (_OF_RESPONSES, "1 where the error is within the tolerance", "1"),
+    "boundary_sums": (
+        "record object sample threshold power",
+        "sums of ln(level)^k where exceedance begins, minus where it ends, for k = 0, 1, 2",
+        "1",
+    ),
 }
 
 
@@ -79,7 +87,6 @@ def fragility(  # noqa: PLR0913
     tolerance: float = 1e-3,
     confidence: float = 0.95,
     model: ModelLike = Nonlinear(),
-    chunks: "Chunks | None" = None,
     names: Sequence[str] | None = None,
 ) -> "xarray.Dataset":
     """Compute fragility curves: probabilities of exceeding thresholds under a suite.
@@ -109,9 +116,6 @@ def fragility(  # noqa: PLR0913
         Confidence level of the intervals, between 0 and 1.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
-    chunks : mapping of str to int or "auto", optional
-        Lengths along object, record, sample and level, for a lazy dataset; see
-        `resonance_spectrum`.
     names : sequence of str, optional
         Names of the blocks; ``"1"``, ``"2"``, ... by default.
 
@@ -163,27 +167,49 @@ def fragility(  # noqa: PLR0913
         )
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     threshold_names = name_thresholds(thresholds)
-    limits = [float(NAMED_THRESHOLDS.get(value, value)) for value in thresholds]
+    limits = np.array([float(NAMED_THRESHOLDS.get(value, value)) for value in thresholds])
     model = as_model(model)
     measure = as_name("measure", measure, MEASURES)
     if levels is None:
         levels = _choose_levels(objects.block, measure)
-    levels = _check_levels(levels)
-    strengths = np.asarray(require_positive_measures(suite, measure, objects.block))
-    # A single block has no axis of objects; without uncertainty there is none of samples.
-    axes = {"object": np.arange(objects.number)} if objects.shape else {}
-    axes["record"] = np.arange(len(suite))
+    check_levels("levels", levels)
+    levels = np.asarray(levels, float)
     if uncertain is not None:
         check_kind("uncertain", uncertain, Uncertain)
-        axes["sample"] = np.arange(uncertain.samples)
-    of_record = (*axes, "threshold", "power")
-    axes["level"] = levels
+    table = simulate_responses(objects, suite, levels, measure, uncertain, tolerance, model)
+    sums = table.sum_boundaries(limits)
+    # The directions of a record count as one record, by their mean.
+    counts = table.exceed(limits).sum(axis=0) / suite.directions
+    powers = sums.sum(axis=0) / suite.directions
+    curves = [
+        [
+            compute_curve(
+                counts[k, :, t],
+                powers[k, :, t],
+                threshold == "uplift",
+                levels,
+                suite.recordings,
+                confidence,
+            )
+            for t, threshold in enumerate(threshold_names)
+        ]
+        for k in range(objects.number)
+    ]
+    values = table.list_responses() | {"boundary_sums": sums}
+    values["fraction_within_tolerance"] = values["within_tolerance"].mean(axis=(0, 2))
+    for name in curves[0][0]:
+        values[name] = np.array([[curve[name] for curve in row] for row in curves])
+    long_name, unit, _ = MEASURES[measure]
     variables = {
-        name: GridVariable(tuple(axes), dtype, describe_variable(long_name, units))
-        for name, (dtype, long_name, units) in _RESPONSES.items()
+        name: (dims.split(), values[name], describe_variable(words, units or unit))
+        for name, (dims, words, units) in _VARIABLES.items()
     }
-    variables["boundary_sums"] = GridVariable(of_record, float, describe_variable(_SUMS))
-    attributes: dict[str, object] = {
+    del variables["remark"][2]["units"]
+    coordinates = {
+        "sample": ("sample", np.arange(counts.shape[1]), describe_axis("sample")),
+        "level": ("level", levels, describe_variable(long_name, unit)),
+    }
+    attributes = {
         "model": model.name,
         **_describe_objects(objects, uncertain),
         "measure": measure,
@@ -192,26 +218,18 @@ def fragility(  # noqa: PLR0913
         "tolerance": tolerance,
         "confidence": confidence,
     }
-    grid = Grid(
-        "Fragility",
-        axes,
-        variables,
-        attributes,
-        functools.partial(_simulate_scaled_records, tolerance, model, tuple(axes), limits),
-        max(_LARGEST, levels.size),
-        _USUAL,
-        labels={"level": describe_variable(*MEASURES[measure][:2])},
-        columns={"threshold": len(threshold_names), "power": 3},
-        shared=_gather_input(
-            objects, uncertain, suite, strengths, model if 0.0 in limits else None
-        ),
-        whole="level",
-    )
-    labels = {"record": (suite.names, "ground motion")}
-    if objects.shape:
-        labels["object"] = (objects.names, "object")
-    responses = add_names(grid.build_dataset(chunks), **labels)
-    return add_curves(responses, limits, threshold_names, confidence, suite.directions)
+    dataset = make_dataset("Fragility", variables, coordinates, attributes)
+    dataset = add_names(
+        dataset,
+        object=(objects.names or ["1"], "object"),
+        record=(suite.names, "ground motion"),
+        threshold=(threshold_names, "threshold"),
+    ).transpose("object", "record", "sample", "level", "threshold", "power")
+    # A single block has no axis of objects; without uncertainty there is none of samples.
+    if uncertain is None:
+        dataset = dataset.isel(sample=0, drop=True)
+        dataset = dataset.drop_vars(["dispersion_of_records", "dispersion_of_parameters"])
+    return dataset if objects.shape else dataset.isel(object=0, drop=True)
 
 
 def _choose_levels(block: Block, measure: str) -> np.ndarray:
@@ -230,18 +248,6 @@ def _choose_levels(block: Block, measure: str) -> np.ndarray:
     return smallest * np.geomspace(low, high * np.max(unit) / smallest, 25)
 
 
-def _check_levels(levels: Numbers) -> np.ndarray:
-    """Return levels as an array; a `ValueError` if they are not allowed."""
-    check("levels", as_real("levels", levels), POSITIVE)
-    values = np.asarray(levels, float)
-    if values.ndim != 1 or not values.size:
-        raise ValueError(
-            f"levels must be one-dimensional and not empty, got an array of shape {values.shape}"
-        )
-    check_increasing("levels", values)
-    return values
-
-
 def _describe_objects(objects: Objects, uncertain: Uncertain | None) -> dict[str, object]:
     """Collect parameters, coefficients of variation and correlations as attributes."""
     parameters = {**size_of(objects.block, "shape"), "restitution": objects.restitution}
@@ -257,144 +263,3 @@ def _describe_objects(objects: Objects, uncertain: Uncertain | None) -> dict[str
             attributes[f"correlation_of_{first}_and_{second}"] = value
         attributes |= {"samples": uncertain.samples, "seed": uncertain.seed}
     return attributes
-
-
-class _SimulationInput(NamedTuple):
-    """Input of all simulations, of which a chunk takes the parts that its indices say.
-
-    Attributes
-    ----------
-    batch : Batch, shape (records, objects, samples)
-        Under the records as they are.
-    strengths : ndarray, shape (records, objects)
-        Intensities of the records [unit of the measure].
-    critical_angle : ndarray, shape (objects, samples)
-        Of the blocks [rad].
-    names : dict
-        Names of the records and of the objects, for messages.
-    uplift : ndarray, shape (records, objects, samples), or None
-        Levels from which on blocks are lifted; None where uplift is no threshold.
-    """
-
-    batch: Batch
-    strengths: AnyArray
-    critical_angle: AnyArray
-    names: dict[str, tuple[str, ...]]
-    uplift: AnyArray | None
-
-
-def _gather_input(
-    objects: Objects,
-    uncertain: Uncertain | None,
-    suite: Suite,
-    strengths: np.ndarray,
-    model: RockingModel | None,
-) -> _SimulationInput:
-    """Gather the parameters of all objects, samples and records; uplift if there is a model."""
-    parameters = (objects.block, objects.restitution)
-    floors = None
-    if uncertain is not None:
-        draws = uncertain.draw(*parameters, on_floor=suite.floor is not None)
-        parameters = (draws.block, draws.restitution)
-        floors = jax.tree.map(lambda leaf: leaf.reshape(objects.number, -1), draws.floor)
-    # Samples are drawn in float64, and simulated in the precision of their medians.
-    dtype = objects.restitution.dtype
-    block, restitution = jax.tree.map(
-        lambda leaf: np.asarray(leaf, dtype).reshape(objects.number, -1), parameters
-    )
-    flat = jax.tree.map(np.ravel, block)
-    angles = apply_padded(lambda padded: padded.critical_angle, flat)
-    motions = vary_motions(suite, floors)
-    strengths = np.broadcast_to(
-        strengths.reshape(len(suite), -1), (len(suite), objects.number)
-    )
-    uplift = None
-    if model is not None:
-        shape = (len(suite), *block.half_width.shape)
-        intensities = np.broadcast_to(strengths[..., None], shape).reshape(len(suite), -1)
-        uplift = find_uplift_levels(flat, motions, intensities, model).reshape(shape)
-        uplift = uplift.astype(dtype)  # as all other answers, however they are computed
-    return _SimulationInput(
-        Batch.of(block, restitution, motions),
-        strengths,
-        angles.reshape(objects.number, -1),
-        {"object": objects.names, "record": suite.names},
-        uplift,
-    )
-
-
-def _simulate_scaled_records(
-    tolerance: float,
-    model: RockingModel,
-    dims: tuple[str, ...],
-    limits: list[float],
-    parameters: _SimulationInput,
-    *parts: np.ndarray,
-) -> dict[str, np.ndarray]:
-    """Simulate blocks under records that are scaled to all levels, and locate boundaries."""
-    # Dimensions that the dataset lacks have one entry, the first.
-    index: dict[str, npt.NDArray | int] = {"object": 0, "sample": 0}
-    index |= zip(dims[:-1], np.meshgrid(*parts[:-1], indexing="ij"), strict=True)
-    shape = tuple(part.size for part in parts[:-1])
-    record, place, sample = (
-        np.broadcast_to(index[name], shape).reshape(-1)
-        for name in ("record", "object", "sample")
-    )
-    places = (record, place, sample)
-    levels = np.asarray(as_real("levels", parts[-1]))
-    labels: dict[str, Labels] = {
-        dim: [parameters.names[dim][k] for k in part] if dim in parameters.names else part
-        for dim, part in zip(dims, parts, strict=True)
-    }
-    batch, factor = _scale_batch(
-        parameters, places, np.arange(places[0].size)[:, None], levels
-    )
-    estimate = follow_within(batch, tolerance, model)
-    response = estimate.response
-    require_complete(response.complete.reshape(*shape, levels.size), **labels)
-    angles = np.asarray(parameters.critical_angle)[places[1:]][:, None]
-    ratio = np.asarray(response.peak_rotation) / angles
-    values = {**vars(estimate), **vars(response), "factor": factor, "rotation_ratio": ratio}
-
-    def evaluate(cases: np.ndarray, between: np.ndarray) -> np.ndarray:
-        """Return which thresholds are exceeded at levels between those of the dataset."""
-        batch, _ = _scale_batch(parameters, places, cases, between)
-        response = follow_batch(batch, model)
-        require_complete(np.ravel(response.complete), level=np.ravel(between))
-        between_ratio = np.asarray(response.peak_rotation) / angles[cases[:, 0]]
-        return _exceed(between_ratio, response, limits)
-
-    exceeded = np.moveaxis(_exceed(ratio, response, limits), -1, 1)
-    # The level of uplift is known exactly: nothing has to be located.
-    is_uplift = np.array(limits) == NAMED_THRESHOLDS["uplift"]
-    sums = sum_boundaries(
-        exceeded & ~is_uplift[:, None], levels, evaluate, parameters.batch.shape[2]
-    )
-    if parameters.uplift is not None:
-        uplift = np.asarray(parameters.uplift)[places]
-        is_lifted = np.isfinite(uplift)
-        replaced = np.where(is_lifted, uplift, 1.0)[:, None, None]
-        sums[:, is_uplift] = sum_powers(replaced, is_lifted[:, None, None])
-    answers = {name: np.asarray(values[name]) for name in _RESPONSES}
-    answers["boundary_sums"] = sums
-    return {name: array.reshape(*shape, *array.shape[1:]) for name, array in answers.items()}
-
-
-def _scale_batch(
-    parameters: _SimulationInput,
-    places: tuple[np.ndarray, np.ndarray, np.ndarray],
-    cases: np.ndarray,
-    levels: np.ndarray,
-) -> tuple[Batch, np.ndarray]:
-    """Scale cases, which are places among records, objects and samples, to levels."""
-    record, block, sample = (place[cases] for place in places)
-    which = np.ravel_multi_index((record, block, sample), parameters.batch.shape)
-    factor = levels / np.asarray(parameters.strengths)[record, block]
-    batch = parameters.batch.select(np.broadcast_to(which, factor.shape))
-    return batch.scaled(factor), factor
-
-
-def _exceed(ratio: np.ndarray, response: BatchResponse, limits: list[float]) -> np.ndarray:
-    """Return which thresholds responses exceed, along a last axis."""
-    overturned = np.asarray(response.overturned, bool)
-    return (np.asarray(ratio)[..., None] > np.array(limits)) | overturned[..., None]

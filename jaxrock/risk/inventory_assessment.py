@@ -3,38 +3,35 @@
 import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
+import jax
 import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
+from ..driven import follow_batch
 from ..ground_motion import warn_of_large_intensities
-from ..host import show_progress
+from ..host import name_work, show_progress
 from ..impact import compute_low_restitution
 from ..numerics import bound_probabilities
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, Numbers, as_real, check, check_increasing, check_kind
-from .boundary_sums import find_uplift_levels
-from .drawn_objects import add_restitutions, draw_objects
+from ..validation import POSITIVE, Numbers, as_real, check, check_kind
 from .hazard import Hazard
 from .inventory import Inventory
 from .inventory_dataset import INVENTORY_PARAMETERS, make_inventory_dataset
 from .inventory_groups import ObjectGroup, describe_places, group_objects
-from .lognormal import fit_lognormal
-from .outcome_table import sum_crossings, tabulate_outcomes
+from .lognormal import BoundarySums, fit_lognormal, sum_powers
+from .outcome_table import OutcomeTable, compute_outcomes
+from .overturning_rate import average_records
 from .rate_elasticities import compute_elasticities, list_parameters
-from .required_value import required_value
-from .sample_rates import average_samples, simulate_samples
-from .site import Site
+from .required_value import search_value
+from .site import Site, check_levels
+from .site_boundaries import make_batch_at_site
+from .uplift_levels import find_uplift_levels
 
 if TYPE_CHECKING:
     import xarray
 
 _CONFIDENCE = 0.95  # of the intervals of probabilities
 _CHANGE = 0.1  # relative, to either side, for elasticities
-# Standard errors of rates by the width of the intervals in which boundaries are located,
-# relative: of the objects, and of those that are changed for elasticities, for which it is 1 %
-# of the change.
-_ACCURACY = 1e-4
-_ACCURACY_OF_ENDS = 2e-3
 # Return periods in years of the levels for probabilities: those of codes, 10 % and 2 % in 50
 # years.
 _RETURN_PERIODS = (475.0, 2475.0)
@@ -165,27 +162,22 @@ def _assess_group(
     parameters = list_parameters(objects, "sides")
     table = _simulate_objects(inventory, site, reported, model)
     width = parameters["width"]
-    required = required_value(
-        inventory.block,
-        inventory.restitution,
-        site,
-        target,
-        "width",
-        (
-            _NARROWEST * width,
-            np.maximum(_WIDEST * width, _WIDEST_OF_HEIGHT * parameters["height"]),
-        ),
-        resolution=_RESOLUTION,
-        model=model,
-    )
+    highest = np.maximum(_WIDEST * width, _WIDEST_OF_HEIGHT * parameters["height"])
+    with name_work("required width"):
+        required = search_value(
+            (objects.block, objects.restitution, site, np.asarray(target)),
+            ends=(_NARROWEST * width, highest),
+            along="width",
+            model=model,
+            resolution=_RESOLUTION,
+        )
     elasticity = compute_elasticities(
-        objects,
         parameters,
         INVENTORY_PARAMETERS,
+        objects.block.one_sided,
         site,
         model,
         _CHANGE,
-        _ACCURACY_OF_ENDS,
         table.median_rate,
     ).T
     remarks = [
@@ -226,58 +218,79 @@ def _simulate_objects(
     """Simulate all objects and their samples, and sum rates, probabilities and curves."""
     objects = inventory.objects
     number = objects.number
-    drawn = draw_objects(objects, inventory.uncertain, site.suite)
-    # In the same batch, so that both ends of an assumed restitution cost few rows more.
-    assumed = np.flatnonzero(inventory.restitution_assumed)
-    low_restitution = np.full(number, np.nan)
-    if assumed.size:
-        all_low = compute_low_restitution(inventory.block)
-        low_restitution[assumed] = np.asarray(all_low)[assumed]
-        drawn = add_restitutions(drawn, assumed, low_restitution[assumed])
-    cases, overturned, crossings, rates = simulate_samples(
-        objects, drawn.block, drawn.restitution, site, model, _ACCURACY, drawn.floors
+    suite = site.suite
+    sampled = (objects.block, objects.restitution, None)
+    if inventory.uncertain is not None:
+        draws = inventory.uncertain.draw(*sampled[:2], on_floor=suite.floor is not None)
+        sampled = (draws.block, draws.restitution, draws.floor)
+    # Of shape (objects, samples); without uncertainty the medians are the only sample.
+    block, restitution, floors = jax.tree.map(
+        lambda leaf: np.asarray(leaf, objects.restitution.dtype).reshape(number, -1), sampled
     )
-    levels = np.asarray(site.levels)
-    at_reported = tabulate_outcomes(cases, reported)
-    # The directions of a record count as one record, by their mean.
-    directions = site.suite.directions
-    recordings = site.suite.recordings
-    separate = []
-    remarks = []
-    for k in range(number):
-        (samples,) = np.nonzero(drawn.owner == k)
-        # The median stands first. Of samples it is not one.
-        samples = samples[1:] if samples.size > 1 else samples
-        outcomes = overturned[:, samples]
-        means = average_samples(rates.contributions[:, samples], outcomes, site)
-        # A record counts by the fraction of its samples.
-        sums = sum_crossings(crossings, overturned, samples, directions)
-        fit = fit_lognormal(sums, (float(levels[0]), float(levels[-1])))
-        counts = at_reported[:, samples].mean(axis=1).sum(axis=0) / directions
-        low, high = bound_probabilities(counts, recordings, _CONFIDENCE)
-        separate.append(
-            {
-                "median": fit.median,
-                "dispersion": fit.dispersion,
-                "probability": counts / recordings,
-                "probability_low": low,
-                "probability_high": high,
-                "rate": means.rate,
-                "standard_error": means.standard_error,
-                "not_detected": means.not_detected,
-            }
+    table = compute_outcomes(block, restitution, site, model, floors=floors)
+    means = average_records(table, suite.directions, with_samples=True)
+    median_rate = np.asarray(means.rate)
+    if inventory.uncertain is not None:
+        medians = compute_outcomes(objects.block, objects.restitution, site, model)
+        median_rate = np.asarray(medians.contributions.mean(axis=0))
+    ends = (float(site.levels[0]), float(site.levels[-1]))
+    fits = [fit_lognormal(sums, ends) for sums in _sum_boundaries(table, suite.directions)]
+    # A record counts by the fraction of its samples, and its directions by their mean.
+    batch = make_batch_at_site(block, restitution, site, floors)
+    counts = np.empty((number, reported.size))
+    for k, level in enumerate(reported):
+        overturned = np.asarray(follow_batch(batch.scaled(level), model).overturned)
+        counts[:, k] = overturned.mean(axis=-1).sum(axis=0) / suite.directions
+    low, high = bound_probabilities(counts, suite.recordings, _CONFIDENCE)
+    answers = {
+        "median": np.array([fit.median for fit in fits]),
+        "dispersion": np.array([fit.dispersion for fit in fits]),
+        "probability": counts / suite.recordings,
+        "probability_low": low,
+        "probability_high": high,
+        "rate": means.rate,
+        "standard_error": means.standard_error,
+        "not_detected": means.not_detected,
+        **_compute_rates_at_low_restitution(inventory, site, model),
+    }
+    remarks = [
+        "; ".join(
+            [f"lognormal curve: {fit.remark}"] * bool(fit.remark)
+            + ["overturns at the lowest level of the site, so that the rate may be more"]
+            * first
         )
-        words = [f"lognormal curve: {fit.remark}"] if fit.remark else []
-        if outcomes[..., 0].any():
-            words.append(
-                "overturns at the lowest level of the site, so that the rate may be more"
-            )
-        remarks.append("; ".join(words))
-    answers = {name: np.array([answer[name] for answer in separate]) for name in separate[0]}
-    at_low = np.full(number, np.nan)
-    at_low[assumed] = rates.rate[rates.rate.size - assumed.size :]
-    answers |= {"low_restitution": low_restitution, "rate_at_low_restitution": at_low}
-    return _Simulated(answers, rates.rate[:number], remarks)
+        for fit, first in zip(fits, means.overturns_first.any(axis=0).tolist(), strict=True)
+    ]
+    return _Simulated(answers, median_rate, remarks)
+
+
+def _compute_rates_at_low_restitution(
+    inventory: Inventory, site: Site, model: RockingModel
+) -> dict[str, np.ndarray]:
+    """Compute the low ends of assumed restitutions, and the rates there; NaN of others."""
+    objects = inventory.objects
+    low_restitution = np.full(objects.number, np.nan)
+    rate = low_restitution.copy()
+    assumed = np.flatnonzero(inventory.restitution_assumed)
+    if assumed.size:
+        low = np.asarray(compute_low_restitution(inventory.block))[assumed]
+        block = jax.tree.map(lambda leaf: leaf[assumed], objects.block)
+        low_restitution[assumed] = low
+        rate[assumed] = compute_outcomes(block, low, site, model).contributions.mean(axis=0)
+    return {"low_restitution": low_restitution, "rate_at_low_restitution": rate}
+
+
+def _sum_boundaries(table: OutcomeTable, directions: int) -> list[BoundarySums]:
+    """Sum for each object what its curve is fitted to, by the mean over its samples."""
+    exists = np.isfinite(table.boundaries)
+    signs = np.where(exists, np.where(table.begins, 1.0, -1.0), 0.0)
+    powers = sum_powers(np.where(exists, table.boundaries, 1.0), signs)
+    stands_last = ~table.overturned[..., -1]
+    number = table.overturns_first.shape[-1] * directions
+    sums = (
+        part.sum(axis=(0, 2)) / number for part in (table.overturns_first, stands_last, powers)
+    )
+    return [BoundarySums(*parts) for parts in zip(*sums, strict=True)]
 
 
 def _warn_of_large_target(target: float) -> None:
@@ -311,15 +324,8 @@ def _choose_reported_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarra
         wanted = inside if inside.size else np.sqrt(rates[:1] * rates[-1:])
         logarithms = np.log(np.asarray(hazard.levels, float)[: rates.size])
         return np.exp(np.interp(-np.log(wanted), -np.log(rates), logarithms))
-    check("reported_levels", as_real("reported_levels", levels), POSITIVE)
-    places = np.asarray(levels, float)
-    if places.ndim != 1 or not places.size:
-        raise ValueError(
-            "reported_levels must be one-dimensional, of at least one value, got an array of"
-            f" shape {places.shape}"
-        )
-    check_increasing("reported_levels", places)
-    return places
+    check_levels("reported_levels", levels)
+    return np.asarray(levels, float)
 
 
 def _find_uplift_intensities(block: Block, site: Site, model: RockingModel) -> np.ndarray:

@@ -1,17 +1,18 @@
 """The rate of overturning at a site, from the boundaries under each of its records."""
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
+from ..ground_motion import average_directions
 from ..host import Printed, format_fields, format_number
 from ..impact import read_restitution
 from ..overturning import Boundaries
-from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..resonance import ModelLike, Nonlinear
 from ..sensitivity import Uncertain
 from ..validation import (
     AnyArray,
@@ -19,18 +20,15 @@ from ..validation import (
     Number,
     Reals,
     check_kind,
+    check_shapes,
     choose_namespace,
     is_traced,
 )
 from .not_detected import bound_not_detected
 from .objects import Objects, gather_objects
-from .sample_rates import average_samples, compute_standard_error, simulate_samples
+from .outcome_table import OutcomeTable, compute_outcomes, tabulate_outcomes
 from .site import Site
-from .site_boundaries import find_boundaries_at_site, pad_boundaries
-
-# Standard error of the rate of a sample by the width of the intervals in which boundaries are
-# located, relative: far less than the uncertainty that samples are there for.
-_ACCURACY_OF_SAMPLES = 1e-4
+from .site_boundaries import find_boundaries_at_site
 
 
 class OverturningRate(Printed, eqx.Module):
@@ -168,14 +166,12 @@ def overturning_rate(
 
     Notes
     -----
-    Boundaries are located to a relative 1e-9; with uncertain parameters only so closely that
-    the rate is accurate to 1e-4.
-    Above the highest level the outcome there is assumed to persist; below
-    the lowest level the contribution is zero. Derivatives with respect to the block, the
-    restitution and the hazard, in both modes, are those of the detected boundaries. A
-    boundary whose derivative is lost in rounding adds nothing to them (see
-    `overturning_boundaries`). For a change of some per cent, compare them with
-    `rate_elasticities`.
+    Boundaries are located to a relative 1e-9, with uncertain parameters to 1e-5. Above the
+    highest level the outcome there is assumed to persist; below the lowest level the
+    contribution is zero. Derivatives with respect to the block, the restitution and the
+    hazard, in both modes, are those of the detected boundaries. A boundary whose derivative
+    is lost in rounding adds nothing to them (see `overturning_boundaries`). For a change of
+    some per cent, compare them with `rate_elasticities`.
 
     By Good-Turing, the hazard mass of windows hit by exactly one level estimates the mass of
     windows that were missed (I. J. Good, Biometrika 40 (1953) 237-264,
@@ -205,15 +201,16 @@ def overturning_rate(
         raise ValueError(
             f"block and restitution must be single or have one axis, of objects, got {longest}"
         )
+    check_shapes(block=block, restitution=restitution)
     if uncertain is not None:
         check_kind("uncertain", uncertain, Uncertain)
-        return _average_samples(
-            gather_objects(block, restitution), uncertain, site, as_model(model)
-        )
+        return _average_samples(gather_objects(block, restitution), uncertain, site, model)
     boundaries = find_boundaries_at_site(block, restitution, site, model, max_boundaries)
-    sums = _sum_boundaries(boundaries, site)
+    table = tabulate_outcomes(boundaries, site)
+    average = _average_traced if is_traced(table) else average_records
+    means = average(table, site.suite.directions)
     return OverturningRate(
-        **sums._asdict(),
+        **jax.device_put(means._asdict()),
         boundaries=boundaries,
         sample_rates=None,
         records=site.suite.names,
@@ -221,115 +218,75 @@ def overturning_rate(
     )
 
 
-class _Sums(NamedTuple):
-    """The fields of an `OverturningRate` that are sums over boundaries."""
+class RecordMeans(NamedTuple):
+    """The fields of an `OverturningRate` that follow from a table of outcomes."""
 
-    complete: AnyArray
+    rate: AnyArray | np.floating
     contributions: AnyArray
-    rate: AnyArray
     standard_error: AnyArray | np.floating
-    not_detected: AnyArray
+    not_detected: AnyArray | np.floating
+    complete: AnyArray | np.bool
     overturns_first: AnyArray
 
 
-class _RateEdges(NamedTuple):
-    """The fields of `Boundaries` on which rates depend, padded to few numbers of columns."""
-
-    value: AnyArray
-    overturns_beyond: AnyArray
-    overturns_first: AnyArray
-    complete: AnyArray
-    is_listed: AnyArray
-
-
-def _sum_boundaries(boundaries: Boundaries, site: Site) -> _Sums:
-    """Sum the hazard over the boundaries of each record, and average over the records."""
-    # Padded to a power of two of columns: traced, few programs are compiled; in NumPy, the sum
-    # has the same bits whatever other objects add to the columns.
-    columns = boundaries.value.shape[-1]
-    room = max(8, 1 << (columns - 1).bit_length())
-    padded = pad_boundaries(boundaries, room, ("value", "overturns_beyond"))
-    edges = _RateEdges(
-        padded.value,
-        padded.overturns_beyond,
-        padded.overturns_first,
-        padded.complete,
-        padded.count <= columns,
-    )
-    traced = is_traced((edges, site))
-    if not traced:
-        edges, rates, levels = jax.tree.map(np.asarray, (edges, site.rates, site.levels))
-        # A hazard need not be defined at NaN, where there is no boundary.
-        value = np.where(np.isfinite(edges.value), edges.value, levels[0])
-        sums = _sum_edges(edges, site.exceed(value), rates, levels, site.suite.directions)
-        return jax.device_put(sums)
-    value = jnp.where(jnp.isfinite(edges.value), edges.value, site.levels[0])
-    return _sum_traced(
-        edges, site.hazard(value), site.rates, site.levels, site.suite.directions
-    )
-
-
-def _sum_edges(
-    edges: _RateEdges,
-    at_edges: AnyArray,
-    rates: AnyArray,
-    levels: AnyArray,
-    directions: int,
-) -> _Sums:
-    """Sum the rates at the boundaries, H(a_0) - H(a_1) + ..."""
-    library = choose_namespace((edges, at_edges, rates))
-    exists = library.isfinite(edges.value)
-    # Beyond a boundary the block overturns, or it stands again.
-    signed = library.where(edges.overturns_beyond, at_edges, -at_edges)
-    changes = library.where(exists, signed, 0).sum(axis=-1)
-    contributions = changes + library.where(edges.overturns_first, rates[0], 0)
-    # The outcome at each level, from the boundaries below it. NaN, where there is no boundary,
-    # is not below anything. At a boundary itself the block stands: one that is a level is
-    # below it where the block stands beyond.
-    along_levels = levels.reshape(*(1 for _ in edges.value.shape), -1)
-    value = edges.value[..., None]
-    stands_there = (value == along_levels) & ~edges.overturns_beyond[..., None]
-    before = ((value < along_levels) | stands_there).sum(axis=-2)
-    overturned = (before % 2 == 1) != edges.overturns_first[..., None]
-    complete = edges.complete & edges.is_listed & ~edges.overturns_first
-    if library is jnp:
+def average_records(
+    table: OutcomeTable, directions: int, with_samples: bool = False
+) -> RecordMeans:
+    """Average over the records, and before over the samples, if they are the last axis."""
+    contributions = table.contributions
+    overturns_first = table.overturns_first
+    rates = table.rates
+    if is_traced(rates):
         # The bound has no derivative where no level is alone in its window.
         rates = jax.lax.stop_gradient(rates)
-    return _Sums(
+    bound = bound_not_detected(table.overturned, rates, directions)
+    complete = table.complete & ~overturns_first
+    if with_samples:
+        # A bound for each sample, then the mean: samples of one record have the same windows,
+        # and do not count as more records.
+        contributions, bound = (part.mean(axis=-1) for part in (contributions, bound))
+        overturns_first = overturns_first.any(axis=-1)
+        complete = complete.all(axis=-1)
+    return RecordMeans(
         rate=contributions.mean(axis=0),
         contributions=contributions,
         standard_error=compute_standard_error(contributions, directions),
-        not_detected=bound_not_detected(overturned, rates, directions),
+        not_detected=bound,
         complete=complete.all(axis=0),
-        overturns_first=edges.overturns_first,
+        overturns_first=overturns_first,
     )
 
 
-_sum_traced = eqx.filter_jit(_sum_edges)
+_average_traced = eqx.filter_jit(average_records)
+
+
+def compute_standard_error(contributions: AnyArray, directions: int) -> AnyArray | np.floating:
+    """Compute the standard error of a mean over records (records, ...); NaN for one record.
+
+    Only the means over the directions of a record are independent.
+    """
+    contributions = average_directions(contributions, directions)
+    records = len(contributions)
+    if records == 1:
+        library = choose_namespace(contributions)
+        return library.full_like(contributions[0], library.nan)
+    return contributions.std(axis=0, ddof=1) / math.sqrt(records)
 
 
 def _average_samples(
-    objects: Objects, uncertain: Uncertain, site: Site, model: RockingModel
+    objects: Objects, uncertain: Uncertain, site: Site, model: ModelLike
 ) -> OverturningRate:
     """Compute the rates of samples of objects, and average over them."""
-    has_floor = site.suite.floor is not None
-    draws = uncertain.draw(objects.block, objects.restitution, on_floor=has_floor)
-    shape = draws.restitution.shape
-    block, restitution, floors = jax.tree.map(
-        lambda leaf: leaf.reshape(-1), (draws.block, draws.restitution, draws.floor)
-    )
-    simulated = simulate_samples(
-        objects, block, restitution, site, model, _ACCURACY_OF_SAMPLES, floors
-    )
-    rates = simulated.rates
-    records = simulated.cases.records
-    outcomes = simulated.overturned.reshape(records, *shape, -1)
-    means = average_samples(rates.contributions.reshape(records, *shape), outcomes, site)
-    overturns_first = outcomes[..., 0].any(axis=-1)
-    real = means._asdict() | {"sample_rates": rates.rate.reshape(shape)}
+    on_floor = site.suite.floor is not None
+    draws = uncertain.draw(objects.block, objects.restitution, on_floor=on_floor)
+    # Samples are drawn in float64, and simulated in the precision of their medians.
     dtype = np.asarray(objects.restitution).dtype
-    fields = {name: np.asarray(value, dtype) for name, value in real.items()}
-    fields |= {"overturns_first": overturns_first, "complete": ~overturns_first.any(axis=0)}
+    block, restitution = jax.tree.map(
+        lambda leaf: leaf.astype(dtype), (draws.block, draws.restitution)
+    )
+    table = compute_outcomes(block, restitution, site, model, floors=draws.floor)
+    means = average_records(table, site.suite.directions, with_samples=True)
+    fields = means._asdict() | {"sample_rates": table.contributions.mean(axis=0)}
     return OverturningRate(
         **jax.device_put(fields),
         boundaries=None,

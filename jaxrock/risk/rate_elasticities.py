@@ -11,16 +11,13 @@ from jaxtyping import Array, Float
 
 from ..block import SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
 from ..host import Printed, format_fields, format_table, name_work
-from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..resonance import ModelLike, Nonlinear
 from ..validation import Number, Reals, as_name, check_kind
 from .objects import Objects, gather_objects
-from .outcome_table import Cases, compute_rates, tabulate_outcomes
+from .outcome_table import compute_outcomes
 from .overturning_rate import OverturningRate, overturning_rate
 from .site import Site
 
-# Standard error of the rates at both ends of a change by the width of the intervals in which
-# boundaries are located, over the change: an elasticity is accurate to about as much.
-_ACCURACY = 2e-4
 # Decimal places to which two blocks are the same, beyond the digits of single precision.
 _DIGITS = 12
 
@@ -123,30 +120,18 @@ def rate_elasticities(
     derivatives, rate = jax.grad(sum_rates, has_aux=True)(
         {name: jnp.asarray(value) for name, value in parameters.items()}
     )
-    names = tuple(parameters)
-    at = np.stack([np.asarray(value, float) for value in parameters.values()])
-    derivative = np.stack([np.asarray(derivatives[name], float) for name in names])
+    rates = np.asarray(rate.rate)
     over_change = compute_elasticities(
-        objects,
-        parameters,
-        names,
-        site,
-        as_model(model),
-        change,
-        change * _ACCURACY,
-        np.asarray(rate.rate),
+        parameters, tuple(parameters), objects.block.one_sided, site, model, change, rates
     )
+    derivative = np.stack([derivatives[name] for name in parameters])
     # A rate of 0 has no elasticity: NaN, without a warning.
     with np.errstate(invalid="ignore", divide="ignore"):
-        at_point = derivative * at / np.asarray(rate.rate)
-    dtype = rate.rate.dtype
-    return RateElasticities(
-        names,
-        jax.device_put(at_point.astype(dtype)),
-        jax.device_put(over_change.astype(dtype)),
-        float(change),
-        rate,
+        at_point = derivative * np.stack([*parameters.values()]) / rates
+    at_point, over_change = (
+        jax.device_put(part.astype(rates.dtype)) for part in (at_point, over_change)
     )
+    return RateElasticities(tuple(parameters), at_point, over_change, float(change), rate)
 
 
 def list_parameters(objects: Objects, by: SizeDescription) -> dict[str, np.ndarray]:
@@ -157,29 +142,27 @@ def list_parameters(objects: Objects, by: SizeDescription) -> dict[str, np.ndarr
 
 
 def compute_elasticities(
-    objects: Objects,
     parameters: Mapping[str, np.ndarray],
     names: Sequence[str],
+    one_sided: bool,
     site: Site,
-    model: RockingModel,
+    model: ModelLike,
     change: float,
-    accuracy: float,
     rate: np.ndarray,
 ) -> np.ndarray:
     """Compute elasticities of rates from those at both ends of a change.
 
     Parameters
     ----------
-    objects : Objects
     parameters : mapping
         All parameters of the objects; see `list_parameters`.
     names : sequence of str
         Those that are changed.
+    one_sided : bool
+        Whether the objects stand against a wall.
     site, model : Site, Nonlinear or Linearized
     change : float
         Relative change of a parameter, to either side.
-    accuracy : float
-        Relative, of the rates at the ends.
     rate : ndarray
         Of the shape of the objects [1/yr].
 
@@ -188,9 +171,11 @@ def compute_elasticities(
     ndarray, shape (names, ...)
         NaN where the rate is 0.
     """
-    changed: dict[str, list[np.ndarray]] = {name: [] for name in parameters}
-    spans = []
-    for name in names:
+    values = np.stack([*parameters.values()])
+    # Of shape (parameters, ends, names, ...): in each, one parameter is changed.
+    changed = np.repeat(np.repeat(values[:, None, None], 2, axis=1), len(names), axis=2)
+    spans = np.empty((len(names), *rate.shape))
+    for k, name in enumerate(names):
         value = parameters[name]
         low, high = (value * (1 + sign * change) for sign in (-1, 1))
         if name == "inertia_ratio":
@@ -198,31 +183,22 @@ def compute_elasticities(
         if name == "restitution":
             # With C = 1 a block would bounce without end: it goes halfway there at most.
             high = np.minimum(high, 0.5 * (1 + value))
-        # A restitution of 0 has no elasticity: NaN, without a warning.
-        with np.errstate(invalid="ignore", divide="ignore"):
-            spans.append((high - low) / value)
-        for end in (low, high):
-            for other, values in parameters.items():
-                changed[other].append(end if other == name else values)
-    dtype = np.asarray(objects.restitution).dtype
-    rows = {name: np.stack(ends).reshape(-1).astype(dtype) for name, ends in changed.items()}
-    block = block_of(rows, objects.block.one_sided)
+        changed[list(parameters).index(name), :, k] = low, high
+        spans[k] = high - low
+    *sizes, restitution = changed.reshape(len(parameters), -1)
+    block = block_of(dict(zip(parameters, sizes, strict=False)), one_sided)
     # A block feels its half-width and its inertia ratio by the frequency parameter alone: rows
     # that differ in nothing else are simulated once.
     product = np.asarray(block.inertia_ratio) * np.asarray(block.half_width)
-    felt = np.stack([product, block.slenderness, block.gravity, rows["restitution"]])
-    _, first, place = np.unique(
-        felt.round(_DIGITS), axis=1, return_index=True, return_inverse=True
-    )
+    felt = np.stack([product, block.slenderness, block.gravity, restitution]).round(_DIGITS)
+    _, first, place = np.unique(felt, axis=1, return_index=True, return_inverse=True)
     block = jax.tree.map(lambda leaf: np.asarray(leaf)[first], block)
-    ends = objects._replace(block=block, restitution=rows["restitution"][first], names=())
-    cases = Cases.of(ends, site, model)
-    levels = np.asarray(site.levels)
     with name_work("elasticities"):
-        rates = compute_rates(cases, tabulate_outcomes(cases, levels), levels, accuracy)
-    at_ends = rates.rate[place.reshape(-1)].reshape(len(names), 2, *objects.shape)
-    low, high = at_ends.swapaxes(0, 1)
-    # A rate of 0 has no elasticity: NaN, without a warning.
+        table = compute_outcomes(block, restitution[first], site, model)
+    rates = table.contributions.mean(axis=0)[place.reshape(-1)]
+    low, high = rates.reshape(2, len(names), *rate.shape)
+    own = np.stack([parameters[name] for name in names])
+    # Nor has a restitution of 0 an elasticity.
     with np.errstate(invalid="ignore", divide="ignore"):
-        elasticities = (high - low) / np.stack(spans) / rate
+        elasticities = (high - low) / (spans / own) / rate
     return np.where(np.isfinite(elasticities), elasticities, np.nan)

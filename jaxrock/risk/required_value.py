@@ -1,9 +1,6 @@
 """Inverse design of a rate: the value from which on it stays below a target."""
 
 import functools
-import math
-from collections.abc import Callable, Sequence
-from typing import Literal, NamedTuple, cast, get_args
 
 import equinox as eqx
 import jax
@@ -33,29 +30,25 @@ from ..validation import (
     check_kind,
     is_traced,
 )
-from .not_detected import bound_not_detected, estimate_windows
-from .objects import Objects, change_objects, change_parameter, gather_objects
-from .outcome_table import Cases, compute_rates, tabulate_outcomes
-from .overturning_rate import overturning_rate
+from .objects import change_objects, change_parameter, gather_objects
+from .outcome_table import compute_outcomes
+from .overturning_rate import average_records, overturning_rate
 from .site import Site
-from .value_search import RateEstimate, ValueSearch, choose_strides, read_scan
+from .site_boundaries import EXACT
+from .value_scan import read_scan, scan_values
 
-Side = Literal["above", "below"]
 # What may be designed, and the values that it may have.
 _QUANTITIES: dict[str, Domain] = {
     **dict.fromkeys(("width", "height", "half_width", "slenderness"), POSITIVE),
     "inertia_ratio": AT_LEAST_ONE,
     "restitution": UNIT_INTERVAL,
 }
+# Relative distance of neighbouring values at a crossing.
+_RESOLUTION = 5e-3
 # Two derivatives of the rate, at the value and over 5 % to either side of it, that differ by
 # less than this fraction: then the rate is smooth there.
 _SMOOTH = 0.25
 _OVER = 0.05
-# Standard error of a rate at all levels by the width of the intervals in which boundaries are
-# located, relative. So much below the target a rate has to be, so that the one at the value,
-# which is more accurate, is below it as well.
-_ACCURACY = 1e-6
-_BELOW = 1 - 10 * _ACCURACY
 
 
 class RequiredValue(Printed, eqx.Module):
@@ -102,7 +95,7 @@ class RequiredValue(Printed, eqx.Module):
         return self.reasons[0]
 
 
-def required_value(  # noqa: PLR0913
+def required_value(
     block: Block,
     restitution: Number,
     site: Site,
@@ -110,15 +103,14 @@ def required_value(  # noqa: PLR0913
     along: str = "width",
     bounds: tuple[Number, Number] = (0.1, 10.0),
     *,
-    side: Side = "above",
-    resolution: float = 5e-3,
     model: ModelLike = Nonlinear(),
 ) -> RequiredValue:
     """Find the value of a parameter from which on the rate stays below a target.
 
     The rate is computed on a grid between the bounds, and the grid is refined at every crossing
-    of the target down to `resolution`. The rate need not be monotone, so there may be several
-    crossings; the outermost one on the requested side is returned.
+    of the target until neighbouring values are 0.5 % apart. The rate need not be monotone, so
+    there may be several crossings; the outermost one on the safe side is returned. Lower values
+    are safe of a height, a slenderness or a restitution, higher values of anything else.
 
     Parameters
     ----------
@@ -135,14 +127,6 @@ def required_value(  # noqa: PLR0913
         ``"restitution"``.
     bounds : pair of array_like
         The lowest and the highest value to examine, for all objects or for each.
-    side : {"above", "below"}
-        Where the rate is to stay below the target: above the value, as for a width, or below
-        it, as for a height or a slenderness.
-    resolution : float
-        Relative distance of neighbouring values at a crossing, at least 1e-6 and less than
-        0.1. Crossings that are closer together are not detected. Crossings between two values
-        of the first grid, 10 % or 8 resolutions apart, are not detected either if the rate is
-        far from the target at both values.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -157,14 +141,16 @@ def required_value(  # noqa: PLR0913
 
     Notes
     -----
-    The rate at the value is computed to 1e-6, not interpolated, and does not exceed the
-    target. Rates far from the target are estimated from part of the levels.
+    The rate at the value is the one of `overturning_rate`, not interpolated, and does not
+    exceed the target. Rates far from the target are estimated from part of the levels.
+    Crossings between two values of the first grid, 10 % apart, are not detected if the rate is
+    far from the target at both, nor are crossings closer together than 0.5 %.
 
     Under records the rate changes by a few per cent from one width to the next, as narrow
     windows appear and disappear. Between the examined values it may exceed the target by a few
     per cent. A test with two blocks under the example suite computed the rate at 150 widths
     above the value. For one block it exceeded the target at 4 % of these widths, by up to
-    1.3 %. A finer `resolution` finds such excursions.
+    1.3 %.
 
     Derivatives with respect to the target, the block, the restitution and the hazard follow
     from the implicit function theorem and the derivatives of `overturning_rate`. They are NaN
@@ -181,35 +167,14 @@ def required_value(  # noqa: PLR0913
     >>> print(jr.required_value(cabinet, 0.8, site, 1e-3, "width", (0.2, 1.0)))
     0.446391 m, width at this height: from there on the rate stays below 0.001 1/yr
     """
-    search = _check_search(along, side, resolution, model)
+    along = as_name("along", along, _QUANTITIES)
     check_kind("site", site, Site)
     target = as_real("target", target)
     check("target", target, POSITIVE)
-    ends = _check_bounds(bounds, search.along)
+    ends = _check_bounds(bounds, along)
     parts = (block, read_restitution(block, restitution), site, target)
-    with name_work(f"required {search.along.replace('_', '-')}"):
-        return _search_value(parts, ends=ends, search=search)
-
-
-class _ValueKind(NamedTuple):
-    """The kind of a search for a value; see `required_value` for its fields."""
-
-    along: str
-    side: Side
-    resolution: float
-    model: RockingModel
-
-
-def _check_search(along: str, side: str, resolution: float, model: ModelLike) -> _ValueKind:
-    """Check how to search; a `ValueError` if that is not allowed."""
-    along = as_name("along", along, _QUANTITIES)
-    side = cast("Side", as_name("side", side, get_args(Side)))
-    # Below 1e-6 neighbours would be equal in float32.
-    if not isinstance(resolution, float | int) or not 1e-6 <= resolution < 0.1:
-        raise ValueError(
-            f"resolution must be at least 1e-6 and less than 0.1, got {resolution!r:.60}"
-        )
-    return _ValueKind(along, side, float(resolution), as_model(model))
+    with name_work(f"required {along.replace('_', '-')}"):
+        return search_value(parts, ends=ends, along=along, model=as_model(model))
 
 
 def _check_bounds(bounds: tuple[Number, Number], along: str) -> tuple[np.ndarray, np.ndarray]:
@@ -224,63 +189,54 @@ def _check_bounds(bounds: tuple[Number, Number], along: str) -> tuple[np.ndarray
     return low, high
 
 
-_Parts = tuple[Block, Reals, Site, Reals]
+_Parts = tuple[Block, AnyArray, Site, AnyArray]
 
 
 @eqx.filter_custom_jvp
-def _search_value(
-    parts: _Parts, *, ends: tuple[AnyArray, AnyArray], search: _ValueKind
+def search_value(
+    parts: _Parts,
+    *,
+    ends: tuple[AnyArray, AnyArray],
+    along: str,
+    model: RockingModel,
+    resolution: float = _RESOLUTION,
 ) -> RequiredValue:
-    """Search the value, for arguments that have been checked but for those of objects."""
+    """Search the value, for arguments that have been checked but for those of objects.
+
+    `resolution` is the relative distance of neighbouring values at a crossing.
+    """
     block, restitution, site, target = parts
     check_concrete(parts, "the search depends on the answers")
     objects = gather_objects(block, restitution)
     low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
-    limits = targets * _BELOW
-    cases = Cases.of(objects, site, search.model)
-    levels = np.asarray(site.levels)
-    strides = choose_strides(levels)
-    used = [_choose_places_of_levels(levels, stride).size for stride in strides]
-    value_search = ValueSearch(
-        functools.partial(_estimate_rates, objects, cases, search.along, strides, limits),
-        cases.records * np.diff([0, *used]),
-        limits,
-        search.resolution,
-    )
-    scans = value_search.scan(low, high)
+    scans = scan_values(objects, along, site, model, (low, high), targets, resolution)
     answers = [
-        read_scan(scan, float(goal), search.along, search.side)
-        for scan, goal in zip(scans, targets, strict=True)
+        read_scan(*scan, float(goal), along) for scan, goal in zip(scans, targets, strict=True)
     ]
     values = np.array([answer.value for answer in answers])
-    columns = max((answer.crossings.size for answer in answers), default=0)
+    columns = max(answer.crossings.size for answer in answers)
     crossings = np.full((objects.number, columns), np.nan)
     for row, answer in zip(crossings, answers, strict=True):
         row[: answer.crossings.size] = answer.crossings
     # Those without a value are simulated at their lower bound, and taken out afterwards.
     exists = np.isfinite(values)
-    changed = change_objects(
-        objects, np.arange(objects.number), np.where(exists, values, low), search.along
-    )
-    cases = cases.replace_objects(changed)
-    overturned = tabulate_outcomes(cases, levels)
-    rates = compute_rates(cases, overturned, levels, _ACCURACY)
-    bound = bound_not_detected(overturned, np.asarray(site.rates), site.suite.directions)
-    arrays = {
+    indices = np.arange(objects.number)
+    changed = change_objects(objects, indices, np.where(exists, values, low), along)
+    table = compute_outcomes(changed.block, changed.restitution, site, model, tolerance=EXACT)
+    means = average_records(table, site.suite.directions)
+    real = {
         "value": values,
-        "rate": np.where(exists, rates.rate, np.nan),
-        "not_detected": np.where(exists, bound, np.nan),
+        "rate": np.where(exists, means.rate, np.nan),
+        "not_detected": np.where(exists, means.not_detected, np.nan),
         "crossings": crossings,
     }
-    dtype = np.asarray(objects.restitution).dtype
-    fields = {
-        name: entries.astype(dtype).reshape((*objects.shape, *entries.shape[1:]))
-        for name, entries in arrays.items()
-    }
-    fields["count"] = np.array([a.crossings.size for a in answers]).reshape(objects.shape)
-    fields["complete"] = (exists & ~overturned[..., 0].any(axis=0)).reshape(objects.shape)
+    fields = {name: entries.astype(table.levels.dtype) for name, entries in real.items()}
+    fields["count"] = np.array([answer.crossings.size for answer in answers])
+    fields["complete"] = exists & means.complete
+    for name, entries in fields.items():
+        fields[name] = jax.device_put(entries.reshape((*objects.shape, *entries.shape[1:])))
     reasons = tuple(answer.reason for answer in answers)
-    return RequiredValue(**jax.device_put(fields), reasons=reasons, along=search.along)
+    return RequiredValue(**fields, reasons=reasons, along=along)
 
 
 def _broadcast_to_objects(number: int, *arrays: Number) -> list[np.ndarray]:
@@ -295,107 +251,53 @@ def _broadcast_to_objects(number: int, *arrays: Number) -> list[np.ndarray]:
         ) from None
 
 
-def _estimate_rates(  # noqa: PLR0913
-    objects: Objects,
-    cases: Cases,
-    along: str,
-    strides: Sequence[int],
-    limits: np.ndarray,
-    indices: np.ndarray,
-    values: np.ndarray,
-    stage: int,
-    known: Sequence[np.ndarray],
-) -> RateEstimate:
-    """Estimate the rates of objects at values of the parameter, from a part of the levels."""
-    cases = cases.replace_objects(change_objects(objects, indices, values, along))
-    site = cases.site
-    levels = np.asarray(site.levels)
-    place = _choose_places_of_levels(levels, strides[stage])
-    if not stage:
-        overturned = tabulate_outcomes(cases, levels[place])
-    else:
-        before = np.isin(place, _choose_places_of_levels(levels, strides[stage - 1]))
-        overturned = np.empty((*cases.batch.shape, place.size), bool)
-        overturned[..., before] = np.stack(known, axis=1)
-        overturned[..., ~before] = tabulate_outcomes(cases, levels[place][~before])
-    # Windows narrower than these levels are met by chance.
-    windows = estimate_windows(
-        overturned, np.asarray(site.rates)[place], site.suite.directions
-    )
-    if stage == len(strides) - 1:
-        rates = compute_rates(cases, overturned, levels[place], _ACCURACY, limits[indices])
-        return RateEstimate(rates.rate, np.asarray(windows.deviation), overturned)
-    rates = compute_rates(cases, overturned, levels[place], math.inf)
-    error = np.hypot(rates.error, windows.deviation)
-    return RateEstimate(rates.rate, error, overturned)
-
-
-def _choose_places_of_levels(levels: np.ndarray, stride: int) -> np.ndarray:
-    """Choose the places of every so many levels; each longer stride uses some of these."""
-    # The last level stands for all beyond, so that it is never left out.
-    last = levels.size - 1
-    return np.unique(np.append(np.arange(0, last, stride), last))
-
-
-@_search_value.def_jvp
+@search_value.def_jvp
 def _differentiate_value(
     primals: tuple[_Parts],
     tangents: tuple[tuple[PyTree, ...]],
     *,
     ends: tuple[AnyArray, AnyArray],
-    search: _ValueKind,
+    along: str,
+    model: RockingModel,
+    resolution: float = _RESOLUTION,
 ) -> tuple[RequiredValue, RequiredValue]:
     """Differentiate the value by the implicit function theorem: the rate stays the target."""
     (parts,) = primals
     (changes,) = tangents
-    answer = _search_value(parts, ends=ends, search=search)
+    fixed = parts[:3]
+    answer = search_value(parts, ends=ends, along=along, model=model, resolution=resolution)
     value = answer.value
     safe = jnp.where(jnp.isfinite(value), value, jnp.asarray(ends[0], value.dtype))
 
-    def compute_rate(block: Block, restitution: Reals, site: Site, value: Reals) -> Reals:
-        changed = change_parameter(block, restitution, search.along, value)
-        return overturning_rate(*changed, site, model=search.model).rate
+    def compute_rate(block: Block, restitution: AnyArray, site: Site, value: Reals) -> Reals:
+        changed = change_parameter(block, restitution, along, value)
+        return overturning_rate(*changed, site, model=model).rate
 
     # No value, or one at a bound because there is no crossing, does not move.
     still = ~jnp.isfinite(value) | (answer.count == 0)
-    domain = _QUANTITIES[search.along]
+    domain = _QUANTITIES[along]
     around = jnp.clip(
         jnp.stack([safe * (1 - _OVER), safe * (1 + _OVER)]),
         1.0 if domain is AT_LEAST_ONE else 0.0,
         1.0 if domain is UNIT_INTERVAL else jnp.inf,
     )
-    change = _move_value(compute_rate, parts[:3], changes[:3], changes[3], safe, around, still)
+    # The derivative at the value, and the difference over a change to either side.
+    _, at_point = jax.jvp(
+        functools.partial(compute_rate, *fixed), (safe,), (jnp.ones_like(safe),)
+    )
+    low, high = (compute_rate(*fixed, end) for end in around)
+    over = (high - low) / (around[1] - around[0])
+    smooth = (at_point != 0) & (abs(at_point - over) <= _SMOOTH * abs(over))
+    _, moved = eqx.filter_jvp(
+        lambda block, restitution, site: compute_rate(block, restitution, site, safe),
+        fixed,
+        tuple(changes[:3]),
+    )
+    goal = jnp.zeros_like(value) if changes[3] is None else changes[3]
+    # NaN as a factor: in place of the product it would be 0 in reverse mode.
+    per_rate = jnp.where(smooth, 1 / jnp.where(smooth, at_point, 1), jnp.nan)
+    change = (goal - (0 if moved is None else moved)) * jnp.where(still, 0, per_rate)
     nothing = jax.tree.map(lambda leaf: None, answer)
     return answer, eqx.tree_at(
         lambda tree: tree.value, nothing, change, is_leaf=lambda leaf: leaf is None
     )
-
-
-def _move_value(
-    compute_rate: Callable[..., Reals],
-    parts: Sequence[object],
-    changes: Sequence[object],
-    target_change: Reals | None,
-    value: Reals,
-    around: Reals,
-    still: Booleans,
-) -> Reals:
-    """Compute how far the value moves with parameters and target; NaN if not smooth.
-
-    Those that are `still` do not move.
-    """
-    # The derivative at the value, and the difference over a change to either side.
-    _, at_point = jax.jvp(
-        functools.partial(compute_rate, *parts), (value,), (jnp.ones_like(value),)
-    )
-    low, high = (compute_rate(*parts, end) for end in around)
-    over = (high - low) / (around[1] - around[0])
-    smooth = (at_point != 0) & (abs(at_point - over) <= _SMOOTH * abs(over))
-    _, moved = eqx.filter_jvp(
-        lambda *at: compute_rate(*at, value), tuple(parts), tuple(changes)
-    )
-    goal = jnp.zeros_like(value) if target_change is None else target_change
-    # NaN as a factor: in place of the product it would be 0 in reverse mode.
-    per_rate = jnp.where(smooth, 1 / jnp.where(smooth, at_point, 1), jnp.nan)
-    per_rate = jnp.where(still, 0, per_rate)
-    return (goal - (0 if moved is None else moved)) * per_rate

@@ -184,6 +184,21 @@ def require_single_scales(suite: Suite) -> None:
             )
 
 
+def check_levels(name: str, levels: Numbers, least: int = 1) -> Reals:
+    """Return levels as an array; a `ValueError` if they do not increase, or are too few."""
+    places = as_real(name, levels)
+    check(name, places, POSITIVE)
+    if places.ndim != 1 or len(places) < least:
+        values = "two values" if least > 1 else "one value"
+        raise ValueError(
+            f"{name} must be one-dimensional, of at least {values}, got an array of shape"
+            f" {places.shape}"
+        )
+    if not is_traced(places):
+        check_increasing(name, places)
+    return places
+
+
 def _choose_site_levels(hazard: Exceedance, levels: Numbers | None, spacing: float) -> Reals:
     """Choose the levels at which to simulate; a `ValueError` if these are not allowed."""
     ends = None
@@ -201,16 +216,9 @@ def _choose_site_levels(hazard: Exceedance, levels: Numbers | None, spacing: flo
         number = max(3, math.ceil(math.log(high / low) / spacing) + 1)
         inner = np.geomspace(low, high, number)
         return as_real("levels", np.concatenate([[low], inner[1:-1], [high]]))
-    places = as_real("levels", levels)
-    check("levels", places, POSITIVE)
-    if places.ndim != 1 or len(places) < 2:
-        raise ValueError(
-            "levels must be one-dimensional, of at least two values, got an array of shape"
-            f" {places.shape}"
-        )
+    places = check_levels("levels", levels, 2)
     if is_traced(places):
         return places
-    check_increasing("levels", places)
     # Levels that are those of the hazard up to rounding are moved onto it.
     slack = 8 * float(jnp.finfo(places.dtype).eps)
     low = float(places[0])

@@ -1,6 +1,6 @@
 """Suites of records: the twenty that come with jaxrock at a thousand levels each, and a rate.
 
-Of many objects: twelve assessed, and the rates of two hundred, located between 342 levels.
+Of many objects: twelve assessed, and the rates of two hundred between 342 levels.
 
 Run as ``python tests/benchmarks/suites.py``: times of first and next calls, the programs
 compiled, and the memory at its largest.
@@ -19,8 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxrock as jr
-from jaxrock.risk.objects import gather_objects
-from jaxrock.risk.outcome_table import Cases, compute_rates, tabulate_outcomes
 
 PROGRAMS = []
 
@@ -58,14 +56,6 @@ def make_objects(number):
     return jr.risk.Inventory(names, block, jr.housner_restitution(block))
 
 
-def rate_many(inventory, site):
-    """Compute the rates of all objects to 1e-4."""
-    objects = gather_objects(inventory.block, inventory.restitution)
-    cases = Cases.of(objects, site, jr.Nonlinear())
-    levels = np.asarray(site.levels)
-    return compute_rates(cases, tabulate_outcomes(cases, levels), levels, 1e-4).rate
-
-
 def main():
     """Print all."""
     jax.monitoring.register_event_duration_secs_listener(hear)
@@ -98,7 +88,11 @@ def main():
     show("12 objects assessed", assess, 1)
     # Bar: below 60 s, with memory that does not grow with the number of objects.
     many = make_objects(200)
-    show("200 objects x 342 levels", lambda: rate_many(many, site), 1)
+    show(
+        "200 objects x 342 levels",
+        lambda: jr.overturning_rate(many.block, many.restitution, site).rate,
+        1,
+    )
 
 
 if __name__ == "__main__":

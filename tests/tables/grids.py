@@ -52,12 +52,6 @@ GRIDS = {
         lambda **chunks: jr.harmonic_spectrum([3.0, 6.0, 9.0], [0.1, 1.2], cycles=3, **chunks),
         [{"frequency_ratio": 2}],
     ),
-    "fragility": (
-        lambda **chunks: jr.fragility(
-            BLOCK, 0.8, suite(), [0.1, 0.2, 0.4, 0.8, 1.6], **chunks
-        ),
-        [{"record": 1}, {"record": 2, "level": 2}],
-    ),
 }
 
 

@@ -84,8 +84,7 @@ def search_required_values():
     }
     answers = []
     for along, bounds in cases.items():
-        side = "above" if "width" in along else "below"
-        answers.append(jr.required_value(BLOCK, 0.8, site, 1e-4, along, bounds, side=side))
+        answers.append(jr.required_value(BLOCK, 0.8, site, 1e-4, along, bounds))
     yield from stack_fields(answers, OF_NEED)
 
     def width(target):
