@@ -75,9 +75,9 @@ CODE_LINES = {
     "accuracy": 644,
     "grids": 786,
     "spectra": 812,
-    "risk": 2473,
-    "plot": 1691,
-    "reports": 992,
+    "risk": 2523,
+    "plot": 1676,
+    "reports": 817,
     "cli": 2875,
 }
 
