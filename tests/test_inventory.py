@@ -99,6 +99,7 @@ REFUSED = [
     (f"{HEAD}\na,-1,2,,\nc,,2,,\n", ("line 2", "'-1'", "line 3", "''")),
     (f"{HEAD}\na,1,2,1.1,\n", ("line 2", "between -1 and 1", "'1.1'")),
     (f"{HEAD}\na,1,2,,-1\n", ("line 2", "at least 0", "'-1'")),
+    (f"{HEAD}\na,40,160,,\n", ("line 2", "'40'", "at most 30 m")),
     (f"{HEAD}\na,1,2,,\na,1,2,,\n", ("names must differ", "'a'")),
     (f"{HEAD}\na,2,1,,\nb,1,2,-.5,\n", ("line 2", "line 3", "must be given", "stocky")),
     (f"{HEAD}\na,1,2,1,0.1\n", ("coefficient of variation", "median of 1")),
@@ -591,8 +592,8 @@ def test_the_edge_of_the_search_is_a_bound(assessed):
 def test_a_target_that_is_a_return_period():
     inventory = Inventory(NAMES, BLOCK, 0.85)
     site = jr.Site(pulses(50), HAZARD, levels=[1.0, 2.0, 3.0])
-    sentence = "target is 475 1/yr, .* of 475 years was meant, the target is 0.00211 1/yr"
-    with pytest.warns(UserWarning, match=sentence):
+    sentence = "got 475 1/yr; that of a return period of 475 years is 0.00211 1/yr"
+    with pytest.raises(ValueError, match=sentence):
         assess_inventory(inventory, site, 475.0, model="linearized")
 
 

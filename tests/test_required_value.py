@@ -210,6 +210,17 @@ def test_what_the_answer_says(change, value, reason):
 
 
 @DOUBLE
+def test_a_hazard_that_ends_before_the_target():
+    """No value can be shown to suffice where the last rate exceeds the target."""
+    levels = np.geomspace(0.7, 1.6, 30)
+    target = 0.5 * float(hazard(levels[-1]))
+    site = site_of_pulses(100, levels=levels)
+    found = jr.required_value(CABINET, 0.85, site, target, bounds=BOUNDS, **LINEARIZED)
+    assert np.isnan(float(found.value))
+    assert f"continue it to {2.5 / target:,.0f} or ask for a target above it" in str(found)
+
+
+@DOUBLE
 @SLOW
 def test_derivatives_where_the_rate_is_not_smooth(monkeypatch):
     """NaN in both modes; 0 where the value does not move, and nothing of one in another."""

@@ -257,11 +257,26 @@ def test_the_fields_and_the_words_of_a_rate():
     assert bool(answer.complete)
     assert str(answer) == (
         f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr,"
-        " about once in 17,000 years\n"
+        " about once in 17,000 years, 0.29 % in 50 years\n"
         f"standard error {error:.6g} 1/yr from 3 records\n"
         f"undetected windows, and levels beyond the last, change it by {bound:.6g} 1/yr"
         " at most (95 %)"
     )
+
+
+@DOUBLE
+def test_a_rate_below_the_end_of_the_hazard_is_not_known():
+    """No level reaches a boundary: what is known is where the hazard ends, not a rate of 0."""
+    lowest = min(float(verge("pgv", duration, *SHAPE)) for duration in DURATIONS)
+    levels = LEVELS[: np.searchsorted(LEVELS, lowest)]
+    answer = rate_of_pulses(SHAPE, RESTITUTION, site_of_pulses(400, levels=levels))
+    assert float(answer.rate) == 0
+    last_rate = float(hazard(levels[-1]))
+    assert float(answer.last_rate) == pytest.approx(last_rate, rel=1e-12)
+    first = (
+        f"overturns less often than once in {1 / last_rate:,.0f} years, where the hazard ends"
+    )
+    assert str(answer).splitlines()[0] == first
 
 
 @DOUBLE

@@ -230,7 +230,8 @@ def _describe_rate(
 ) -> tuple[list[str], dict[str, object]]:
     """Describe the rate of overturning, and what it depends on: lines of text, and data."""
     rate = elasticities.rate
-    lines = [f"{rate}\n{elasticities}"]
+    # A rate that is not known has no elasticities.
+    lines = [str(rate)] + [str(elasticities)] * bool(rate.rate >= rate.last_rate)
     assert isinstance(site.hazard, Hazard)
     if site.hazard.statistic:
         lines.insert(0, str(site.hazard))

@@ -160,7 +160,7 @@ def _describe_action(answer: "xarray.Dataset") -> dict[str, str]:
         if at_low > target:
             action = "measure its restitution: with a low one it misses the target"
     elif math.isnan(required):
-        action = f"fix it: {answer.need.values}"
+        action = f"fix it: {answer.need.values}, since {describe_end_of_hazard(answer)}"
     elif math.isinf(required):
         action = "fix it: widening alone does not help"
     elif required > float(answer.width):

@@ -6,6 +6,7 @@ from .example_inventory import write_example_inventory as write_example_inventor
 from .exceedance import name_thresholds as name_thresholds
 from .fragility_curves import fragility
 from .hazard import Hazard
+from .hazard import write_years as write_years
 from .hazard_files import read_hazard
 from .inventory import Inventory
 from .inventory_assessment import assess_inventory
@@ -17,7 +18,6 @@ from .inventory_dataset import describe_required_width as describe_required_widt
 from .inventory_dataset import describe_years as describe_years
 from .inventory_dataset import name_records as name_records
 from .inventory_dataset import round_width_up as round_width_up
-from .inventory_dataset import write_years as write_years
 from .inventory_files import read_inventory
 from .lognormal import LognormalFit as LognormalFit
 from .overturning_rate import OverturningRate, overturning_rate

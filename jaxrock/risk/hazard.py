@@ -34,6 +34,10 @@ def as_hazard_measure(measure: object) -> str | None:
     return as_name("measure", measure, HAZARD_MEASURES, or_none=True)
 
 
+# How much longer a return period than the target's a hazard should reach.
+_REACH = 2.5
+
+
 class Hazard(Printed, Checked):
     """A hazard curve: the rate per year at which levels of an intensity measure are exceeded.
 
@@ -159,6 +163,19 @@ def compute_return_periods(hazard: Hazard, levels: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         periods = 1 / np.asarray(hazard(near.astype(low.dtype)))
     return np.where(inside, periods, np.nan)
+
+
+def write_years(years: float) -> str:
+    """Write a number of years with separators of thousands: 2,475, or 0.5."""
+    return f"{years:,.0f}" if years >= 10 else f"{years:.3g}"
+
+
+def describe_end(last_rate: float, target: float) -> str:
+    """Describe where a hazard ends that ends before a target, and what would help."""
+    return (
+        f"the hazard ends at once in {write_years(1 / last_rate)} years; continue it to"
+        f" {write_years(_REACH / target)} or ask for a target above it"
+    )
 
 
 def _check_order(levels: Reals, rates: Reals) -> None:

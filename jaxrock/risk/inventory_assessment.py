@@ -1,6 +1,5 @@
 """Many objects at a site: ranked by rate, and what would bring each to a target."""
 
-import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
@@ -133,7 +132,13 @@ def assess_inventory(
     if not isinstance(site.hazard, Hazard):
         raise ValueError("site must have a Hazard, got a function")
     check("target", as_real("target", target), POSITIVE)
-    _warn_of_large_target(target)
+    # It was perhaps given as a return period.
+    if target > 1:
+        raise ValueError(
+            f"target must be a rate of at most once a year, got {target:g} 1/yr; that of a return"
+            f" period of {target:g} years is {1 / target:.3g} 1/yr (--target-return-period on the"
+            " command line)"
+        )
     model = as_model(model)
     if reported_levels is not None:
         warn_of_large_intensities("a reported level", reported_levels, site.measure)
@@ -291,17 +296,6 @@ def _sum_boundaries(table: OutcomeTable, directions: int) -> list[BoundarySums]:
         part.sum(axis=(0, 2)) / number for part in (table.overturns_first, stands_last, powers)
     )
     return [BoundarySums(*parts) for parts in zip(*sums, strict=True)]
-
-
-def _warn_of_large_target(target: float) -> None:
-    """Warn of a target that was perhaps given as a return period."""
-    if target > 1:
-        warnings.warn(
-            f"target is {target:g} 1/yr, more than once a year; if a return period of"
-            f" {target:g} years was meant, the target is {1 / target:.3g} 1/yr"
-            " (--target-return-period on the command line)",
-            stacklevel=3,
-        )
 
 
 def _list_coefficients(inventory: Inventory) -> np.ndarray:

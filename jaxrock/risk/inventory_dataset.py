@@ -10,7 +10,7 @@ from ..ground_motion import MEASURES, describe_suite
 from ..host import add_names, make_dataset
 from ..resonance import RockingModel
 from .exceedance import describe_variable
-from .hazard import Hazard, compute_return_periods
+from .hazard import Hazard, compute_return_periods, describe_end, write_years
 from .inventory import Inventory
 from .site import Site
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 MEETS = "meets the target"
 MISSES = "misses the target"
 NOT_KNOWN = "not known"
-# How much longer a return period the hazard should reach than the target's.
-_REACH = 2.5
 # Parameters whose importance is told: what can be built or chosen for an object.
 INVENTORY_PARAMETERS = ("width", "height", "restitution")
 # Long names and units of the answers, and their dimension beside "object", if they have one;
@@ -80,7 +78,7 @@ def make_inventory_dataset(
     """Make the dataset of the answers, ranked by rate; see `assess_inventory`."""
     assert isinstance(site.hazard, Hazard)
     last_rate = float(site.rates[-1])
-    answers = answers | _judge_rates(answers, target, last_rate)
+    answers = answers | _judge_rates(answers, target)
     order = np.argsort(-answers["rate"], kind="stable")
     measure_in_words, unit, _ = MEASURES[site.measure]
     if inventory.others:
@@ -145,28 +143,18 @@ def make_inventory_dataset(
     return dataset.assign(need=("object", needs, {"long_name": long_name}))
 
 
-def _judge_rates(
-    answers: dict[str, np.ndarray], target: float, last_rate: float
-) -> dict[str, np.ndarray]:
+def _judge_rates(answers: dict[str, np.ndarray], target: float) -> dict[str, np.ndarray]:
     """Judge rates by the target.
 
     A verdict is not known where what was not detected, or lies beyond the end of the hazard, is
-    larger than the rate or the target and may carry the rate across the target. No width can be
-    shown to suffice under a hazard that ends before the target.
+    larger than the rate or the target and may carry the rate across the target.
     """
     rate = answers["rate"]
     bound = answers["not_detected"]
     may_cross = (rate - bound <= target) & (rate + bound > target)
     is_unknown = may_cross & (bound > np.minimum(rate, target))
     verdict = np.select([is_unknown, rate > target], [NOT_KNOWN, MISSES], MEETS)
-    judged = {"probability_in_50_years": -np.expm1(-50 * rate), "verdict": verdict}
-    if last_rate > target:
-        judged |= {
-            "required_width": np.full(rate.shape, np.nan),
-            "required_width_is_bound": np.full(rate.shape, False),
-            "required_width_reason": np.full(rate.shape, "the hazard ends before the target"),
-        }
-    return judged
+    return {"probability_in_50_years": -np.expm1(-50 * rate), "verdict": verdict}
 
 
 def describe_end_of_hazard(dataset: "xarray.Dataset") -> str:
@@ -174,10 +162,7 @@ def describe_end_of_hazard(dataset: "xarray.Dataset") -> str:
     target, last_rate = (float(dataset.attrs[name]) for name in ("target", "last_rate"))
     if last_rate <= target:
         return "what was not detected may carry the rate across the target"
-    return (
-        f"the hazard ends at once in {write_years(1 / last_rate)} years; continue it to"
-        f" {write_years(_REACH / target)} or ask for a target above it"
-    )
+    return describe_end(last_rate, target)
 
 
 def describe_place(answer: "xarray.Dataset") -> str:
@@ -252,11 +237,6 @@ def describe_years(answer: "xarray.Dataset", unit: str = "") -> str:
     if len(years) < len(rates):
         return f"{years[0]}{unit} or more"
     return " to ".join(dict.fromkeys(years)) + unit
-
-
-def write_years(years: float) -> str:
-    """Write a number of years with separators of thousands: 2,475, or 0.5."""
-    return f"{years:,.0f}" if years >= 10 else f"{years:.3g}"
 
 
 def name_records(dataset: "xarray.Dataset") -> str:

@@ -24,6 +24,7 @@ from ..validation import (
     choose_namespace,
     is_traced,
 )
+from .hazard import write_years
 from .not_detected import bound_not_detected
 from .objects import Objects, gather_objects
 from .outcome_table import OutcomeTable, compute_outcomes, tabulate_outcomes
@@ -55,6 +56,8 @@ class OverturningRate(Printed, eqx.Module):
         and all boundaries are listed. If not, the rate may be wrong.
     overturns_first : Array of bool, shape (records, ...)
         Whether each record overturns the block at the lowest level.
+    last_rate : Array
+        The hazard at the last level [1/yr]; a rate below it is not known.
     records : tuple of str
         Names of the records.
     directions : int
@@ -69,6 +72,7 @@ class OverturningRate(Printed, eqx.Module):
     complete: Booleans
     sample_rates: Reals | None
     overturns_first: Booleans
+    last_rate: Reals
     records: tuple[str, ...] = eqx.field(static=True)
     directions: int = eqx.field(static=True)
 
@@ -79,11 +83,17 @@ class OverturningRate(Printed, eqx.Module):
         rate = format_number(self.rate, "1/yr")
         period = ""
         if not is_traced(self.rate) and self.rate > 0:
+            chance = -100 * math.expm1(-50 * float(self.rate))
             period = f", about once in {float(f'{1 / float(self.rate):.2g}'):,.0f} years"
+            period += f", {chance:.2g} % in 50 years"
         lines = [f"overturns at a rate of {rate}{period}"]
         error = format_number(self.standard_error, "1/yr")
         records = f"{len(self.records) // self.directions} records"
         ways = " in both directions" * (self.directions == 2)
+        if not is_traced(self) and self.rate < self.last_rate:
+            years = write_years(1 / float(self.last_rate))
+            lines = [f"overturns less often than once in {years} years, where the hazard ends"]
+            lines.append(f"by the levels before at a rate of {rate}")
         lines.append(f"standard error {error} from {records}{ways}")
         bound = format_number(self.not_detected, "1/yr")
         changes = f"undetected windows, and levels beyond the last, change it by {bound}"
@@ -227,6 +237,7 @@ class RecordMeans(NamedTuple):
     not_detected: AnyArray | np.floating
     complete: AnyArray | np.bool
     overturns_first: AnyArray
+    last_rate: AnyArray
 
 
 def average_records(
@@ -254,6 +265,7 @@ def average_records(
         not_detected=bound,
         complete=complete.all(axis=0),
         overturns_first=overturns_first,
+        last_rate=table.rates[-1],
     )
 
 

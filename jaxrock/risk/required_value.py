@@ -211,7 +211,8 @@ def search_value(
     low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
     scans = scan_values(objects, along, site, model, (low, high), targets, resolution)
     answers = [
-        read_scan(*scan, float(goal), along) for scan, goal in zip(scans, targets, strict=True)
+        read_scan(*scan, float(goal), along, float(site.rates[-1]))
+        for scan, goal in zip(scans, targets, strict=True)
     ]
     values = np.array([answer.value for answer in answers])
     columns = max(answer.crossings.size for answer in answers)

@@ -10,6 +10,7 @@ import numpy as np
 from ..block import SIZES_IN_WORDS
 from ..overturning import UNITS
 from ..resonance import RockingModel
+from .hazard import describe_end
 from .not_detected import estimate_windows
 from .objects import Objects, change_objects
 from .outcome_table import compute_outcomes
@@ -142,8 +143,10 @@ class ScanAnswer(NamedTuple):
     reason: str
 
 
-def read_scan(values: np.ndarray, rates: np.ndarray, target: float, along: str) -> ScanAnswer:
-    """Read the value of one object from a scan."""
+def read_scan(
+    values: np.ndarray, rates: np.ndarray, target: float, along: str, last_rate: float
+) -> ScanAnswer:
+    """Read the value of one object from a scan; NaN if the hazard ends before the target."""
     is_above = rates > target
     (before,) = np.nonzero(is_above[1:] != is_above[:-1])
     # On the safe side of each crossing, where the rate was computed to be below the target.
@@ -159,6 +162,9 @@ def read_scan(values: np.ndarray, rates: np.ndarray, target: float, along: str) 
             f" about {rates[end]:.3g} 1/yr, above {target:g} 1/yr"
         )
         return ScanAnswer(math.inf if upwards else -math.inf, crossings, reason)
+    if last_rate > target:
+        reason = f"not known: {describe_end(last_rate, target)}"
+        return ScanAnswer(math.nan, crossings, reason)
     if not crossings.size:
         value = values[0 if upwards else -1]
         said = f"the rate is below {target:g} 1/yr at all values examined"
