@@ -259,7 +259,7 @@ def test_the_rate_of_samples_is_the_mean_of_theirs():
     flat = jax.tree.map(np.ravel, draws.block)
     exact = jr.overturning_rate(flat, draws.restitution.ravel(), site)
     by_sample = np.reshape(exact.rate, (2, 4))
-    # Each boundary is located to 1e-5.
+    # Each boundary is located to 1e-4, on either side.
     np.testing.assert_allclose(answer.sample_rates, by_sample, rtol=1e-4)
     np.testing.assert_allclose(answer.rate, by_sample.mean(axis=1), rtol=1e-4)
     contributions = np.reshape(exact.contributions, (2, 2, 4)).mean(axis=-1)

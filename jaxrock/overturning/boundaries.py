@@ -172,23 +172,25 @@ def search_boundaries(
 ) -> Boundaries:
     """Search the boundaries in a range; a `ValueError` if an argument is not allowed."""
     subject, places = check_subject(block, restitution, motion, search.along, values)
-    return find_boundaries(subject, places, search)
+    return find_boundaries(subject, places, search)[0]
 
 
-def find_boundaries(subject: Subject, places: Reals, search: Search) -> Boundaries:
-    """Find the boundaries between values, for a subject that has been checked."""
+# With the boundaries, the values right behind them at which the block overturns.
+_Sides = tuple[Boundaries, AnyArray]
+
+
+def find_boundaries(subject: Subject, places: Reals, search: Search) -> _Sides:
+    """Find both sides of the boundaries between values, for a subject that has been checked."""
     if search.max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {search.max_boundaries}")
     # The boundaries under a record must not depend on which others are in its suite.
     alone = search.alone or isinstance(subject.motion, GroundMotions)
     search = search._replace(model=as_model(search.model), alone=alone)
-    return _compute_boundaries(subject, places, search=search)[0]
+    return _compute_boundaries(subject, places, search=search)
 
 
 @eqx.filter_custom_jvp
-def _compute_boundaries(
-    subject: Subject, values: AnyArray, *, search: Search
-) -> tuple[Boundaries, AnyArray]:
+def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -> _Sides:
     """Find the boundaries, and the values right behind them at which the block overturns.
 
     All of them, or under a transformation `max_boundaries`.
@@ -284,7 +286,7 @@ def _differentiate_boundaries(
     tangents: tuple[Subject, AnyArray | None],
     *,
     search: Search,
-) -> tuple[tuple[Boundaries, AnyArray], tuple[Boundaries, AnyArray]]:
+) -> tuple[_Sides, _Sides]:
     """Differentiate boundaries, elementwise in all parameters that are perturbed.
 
     By the implicit function theorem; see `compute_tangents`. The values between which

@@ -27,8 +27,9 @@ class OutcomeTable(NamedTuple):
         object stands.
     begins : Array of bool, shape (records, ..., boundaries)
         Whether the object overturns beyond the boundary.
-    exceedance : Array, shape (records, ..., boundaries)
-        The hazard at the boundaries [1/yr].
+    exceedance, location_error : Array, shape (records, ..., boundaries)
+        The hazard at the boundaries, and by how much it may be another within the intervals in
+        which they are located [1/yr].
     overturns_first, complete : Array of bool, shape (records, ...)
         Whether the object overturns at the lowest level; whether all boundaries are known.
     levels, rates : Array, shape (levels,)
@@ -38,6 +39,7 @@ class OutcomeTable(NamedTuple):
     boundaries: AnyArray
     begins: AnyArray
     exceedance: AnyArray
+    location_error: AnyArray
     overturns_first: AnyArray
     complete: AnyArray
     levels: AnyArray
@@ -54,12 +56,6 @@ class OutcomeTable(NamedTuple):
         changes = library.where(library.isfinite(self.boundaries), signed, 0).sum(axis=-1)
         return changes + library.where(self.overturns_first, self.rates[0], 0)
 
-    def move_boundaries(self, factor: float) -> np.ndarray:
-        """Multiply the boundaries, within the levels; the first level where there is none."""
-        exists = np.isfinite(self.boundaries)
-        moved = np.minimum(self.boundaries * factor, self.levels[-1])
-        return np.where(exists, moved, self.levels[0])
-
     @property
     def overturned(self) -> AnyArray:
         """Whether the object overturns at each level, (records, ..., levels)."""
@@ -72,25 +68,41 @@ class OutcomeTable(NamedTuple):
         return (below % 2 == 1) != self.overturns_first[..., None]
 
 
-def tabulate_outcomes(boundaries: Boundaries, site: Site) -> OutcomeTable:
-    """Tabulate the outcomes at a site from boundaries there; in NumPy where all is concrete."""
+def tabulate_outcomes(boundaries: Boundaries, falls: AnyArray, site: Site) -> OutcomeTable:
+    """Tabulate the outcomes at a site from boundaries there; in NumPy where all is concrete.
+
+    See `find_boundaries_at_site`.
+    """
     columns = boundaries.value.shape[-1]
     # Padded to a power of two of columns, so that few programs are compiled for derivatives.
     room = max(8, 1 << (columns - 1).bit_length())
     padding = [(0, 0)] * (boundaries.value.ndim - 1) + [(0, room - columns)]
     traced = is_traced((boundaries, site))
-    numbers = (boundaries.value, boundaries.overturns_beyond, boundaries.overturns_first)
-    numbers += (boundaries.complete & (boundaries.count <= columns), site.levels, site.rates)
+    ends = (boundaries.value, falls, boundaries.overturns_beyond)
+    ends += (boundaries.overturns_first, boundaries.complete & (boundaries.count <= columns))
+    numbers = (*ends, site.levels, site.rates)
     if not traced:
         numbers = jax.tree.map(np.asarray, numbers)
-    value, begins, overturns_first, complete, levels, rates = numbers
+    value, falls, begins, overturns_first, complete, levels, rates = numbers
     library = choose_namespace(numbers)
-    value = library.pad(value, padding, constant_values=library.nan)
+    value, falls = (
+        library.pad(end, padding, constant_values=np.nan) for end in (value, falls)
+    )
     begins = library.pad(begins, padding, constant_values=False)
     # A hazard need not be defined at NaN, where there is no boundary.
-    at = library.where(library.isfinite(value), value, levels[0])
-    exceedance = site.hazard(at) if traced else site.exceed(at)
-    return OutcomeTable(value, begins, exceedance, overturns_first, complete, levels, rates)
+    at = library.stack([value, falls])
+    at = library.where(library.isfinite(at), at, levels[0])
+    stands, overturns = site.hazard(at) if traced else site.exceed(at)
+    return OutcomeTable(
+        value,
+        begins,
+        0.5 * (stands + overturns),
+        0.5 * abs(stands - overturns),
+        overturns_first,
+        complete,
+        levels,
+        rates,
+    )
 
 
 def compute_outcomes(
@@ -109,9 +121,9 @@ def compute_outcomes(
     ValueError
         If an integration does not finish.
     """
-    boundaries = find_boundaries_at_site(
+    boundaries, falls = find_boundaries_at_site(
         block, restitution, site, model, tolerance=tolerance, floors=floors
     )
     complete = np.asarray(boundaries.complete).reshape(len(site.suite), -1).all(axis=1)
     require_complete(complete, record=site.suite.names)
-    return tabulate_outcomes(boundaries, site)
+    return tabulate_outcomes(boundaries, falls, site)

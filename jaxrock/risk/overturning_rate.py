@@ -176,7 +176,7 @@ def overturning_rate(
 
     Notes
     -----
-    Boundaries are located to a relative 1e-9, with uncertain parameters to 1e-5. Above the
+    Boundaries are located to a relative 1e-9, with uncertain parameters to 1e-4. Above the
     highest level the outcome there is assumed to persist; below the lowest level the
     contribution is zero. Derivatives with respect to the block, the restitution and the
     hazard, in both modes, are those of the detected boundaries. A boundary whose derivative
@@ -215,8 +215,10 @@ def overturning_rate(
     if uncertain is not None:
         check_kind("uncertain", uncertain, Uncertain)
         return _average_samples(gather_objects(block, restitution), uncertain, site, model)
-    boundaries = find_boundaries_at_site(block, restitution, site, model, max_boundaries)
-    table = tabulate_outcomes(boundaries, site)
+    boundaries, falls = find_boundaries_at_site(
+        block, restitution, site, model, max_boundaries
+    )
+    table = tabulate_outcomes(boundaries, falls, site)
     average = _average_traced if is_traced(table) else average_records
     means = average(table, site.suite.directions)
     return OverturningRate(

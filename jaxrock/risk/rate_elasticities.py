@@ -18,6 +18,9 @@ from .outcome_table import compute_outcomes
 from .overturning_rate import OverturningRate, overturning_rate
 from .site import Site
 
+# Relative width of the intervals in which the boundaries at both ends of a change are located:
+# an elasticity is then accurate to some 1e-4.
+_TOLERANCE = 1e-5
 # Decimal places to which two blocks are the same, beyond the digits of single precision.
 _DIGITS = 12
 
@@ -194,7 +197,7 @@ def compute_elasticities(
     _, first, place = np.unique(felt, axis=1, return_index=True, return_inverse=True)
     block = jax.tree.map(lambda leaf: np.asarray(leaf)[first], block)
     with name_work("elasticities"):
-        table = compute_outcomes(block, restitution[first], site, model)
+        table = compute_outcomes(block, restitution[first], site, model, tolerance=_TOLERANCE)
     rates = table.contributions.mean(axis=0)[place.reshape(-1)]
     low, high = rates.reshape(2, len(names), *rate.shape)
     own = np.stack([parameters[name] for name in names])

@@ -15,7 +15,7 @@ from .site import Site
 # Relative widths of the intervals in which boundaries are located. Where rates are compared
 # with others, or averaged over samples, the wider one does.
 EXACT = 1e-9
-CLOSE = 1e-5
+CLOSE = 1e-4
 
 
 def find_boundaries_at_site(
@@ -27,7 +27,7 @@ def find_boundaries_at_site(
     *,
     tolerance: float = EXACT,
     floors: FloorFactors | None = None,
-) -> Boundaries:
+) -> tuple[Boundaries, AnyArray]:
     """Find the boundaries of each record and object between the levels of a site.
 
     Parameters
@@ -43,8 +43,9 @@ def find_boundaries_at_site(
 
     Returns
     -------
-    Boundaries
-        Of shape (records, ..., boundaries).
+    boundaries : Boundaries, shape (records, ..., boundaries)
+    falls : Array, shape (records, ..., boundaries)
+        The other end of the interval of each boundary, at which the object overturns.
     """
     batch = make_batch_at_site(block, restitution, site, floors)
     # The derivative of a boundary that rounding decides is unknown: it is dropped.

@@ -26,7 +26,7 @@ _FIRST = 13
 _COARSE = 0.16
 # Relative widths of the intervals in which boundaries are located: between few levels, and
 # between all of them for a first and for a final estimate.
-_WIDTHS = (0.02, 1e-4, EXACT)
+_WIDTHS = (0.02, 3e-4, EXACT)
 # A rate from few levels is on one side of the target if it is so many standard errors away.
 _ERRORS = 3.0
 # Quantities of which lower values are safe; of the others, higher ones.
@@ -40,7 +40,7 @@ _SAFE_BELOW = ("height", "slenderness", "restitution")
 #   -----  -------  ---------------  ------------------------------------------------
 #   0      few      to 2 %           the target is further than windows and location leave
 #                                    unknown, and the rate does not cross it beside the value
-#   1      all      to 0.01 %        the target is further than location leaves unknown
+#   1      all      to 0.03 %        the target is further than location leaves unknown
 #   2      all      to 1e-9          always
 #
 # Then a value is added between neighbours if the rate crosses the target there, or might, until
@@ -67,11 +67,10 @@ def scan_values(
         """
         changed = change_objects(objects, owner, value, along)
         parts = (changed.block, changed.restitution)
-        width = _WIDTHS[stage]
-        table = compute_outcomes(*parts, sites[stage], model, tolerance=width)
+        table = compute_outcomes(*parts, sites[stage], model, tolerance=_WIDTHS[stage])
         windows = estimate_windows(table.overturned, table.rates, site.suite.directions)
-        fall = table.exceedance - site.exceed(table.move_boundaries(1 + width))
-        unknown = fall.sum(axis=(0, -1)) / len(fall) * (stage < 2)
+        error = table.location_error
+        unknown = error.sum(axis=(0, -1)) / len(error) * (stage < 2)
         unknown += (stage == 0) * _ERRORS * windows.deviation
         return np.stack([table.contributions.mean(axis=0), unknown, windows.deviation])
 
@@ -94,9 +93,9 @@ def scan_values(
             estimates[:, near] = estimate(owner[near], value[near], first + 1)
             continue
         # It might cross the target and come back: if the nearer end is closer to the target
-        # than half of what the ends are apart and two standard errors.
-        error = np.maximum(deviation[1:], deviation[:-1])
-        apart = 0.5 * abs(np.diff(rate)) + 2 * error
+        # than half of what the ends are apart and two standard errors, or what is unknown.
+        error = np.maximum(2 * deviation, unknown)
+        apart = 0.5 * abs(np.diff(rate)) + np.maximum(error[1:], error[:-1])
         might = np.minimum(abs(distance[1:]), abs(distance[:-1])) <= apart
         # Near 0, which a restitution may be, no interval would be narrow beside its end.
         least = resolution * np.maximum(value[1:], 0.01 * bounds[1][owner[1:]])
@@ -113,7 +112,8 @@ def scan_values(
 def _thin_out(site: Site) -> Site:
     """Return the site with a part of its levels, the last one included."""
     levels = np.asarray(site.levels)
-    stride = max(1, int(_COARSE / np.diff(np.log(levels)).max()))
+    halvings = math.floor(math.log2(_COARSE / np.diff(np.log(levels)).max()))
+    stride = 2 ** max(halvings, 0)
     # The last level stands for all beyond.
     place = np.append(np.arange(0, levels.size - 1, stride), levels.size - 1)
     some = jax.device_put((levels[place], np.asarray(site.rates)[place]))
