@@ -75,7 +75,7 @@ CODE_LINES = {
     "accuracy": 644,
     "grids": 786,
     "spectra": 812,
-    "risk": 2486,
+    "risk": 2487,
     "plot": 1691,
     "reports": 992,
     "cli": 2875,
