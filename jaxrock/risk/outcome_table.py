@@ -77,13 +77,14 @@ def tabulate_outcomes(boundaries: Boundaries, falls: AnyArray, site: Site) -> Ou
     # Padded to a power of two of columns, so that few programs are compiled for derivatives.
     room = max(8, 1 << (columns - 1).bit_length())
     padding = [(0, 0)] * (boundaries.value.ndim - 1) + [(0, room - columns)]
+    # In NumPy before anything is computed: JAX would compile a program for each shape.
     traced = is_traced((boundaries, site))
     ends = (boundaries.value, falls, boundaries.overturns_beyond)
-    ends += (boundaries.overturns_first, boundaries.complete & (boundaries.count <= columns))
+    ends += (boundaries.overturns_first, boundaries.complete, boundaries.count)
     numbers = (*ends, site.levels, site.rates)
     if not traced:
         numbers = jax.tree.map(np.asarray, numbers)
-    value, falls, begins, overturns_first, complete, levels, rates = numbers
+    value, falls, begins, overturns_first, complete, count, levels, rates = numbers
     library = choose_namespace(numbers)
     value, falls = (
         library.pad(end, padding, constant_values=np.nan) for end in (value, falls)
@@ -99,7 +100,7 @@ def tabulate_outcomes(boundaries: Boundaries, falls: AnyArray, site: Site) -> Ou
         0.5 * (stands + overturns),
         0.5 * abs(stands - overturns),
         overturns_first,
-        complete,
+        complete & (count <= columns),
         levels,
         rates,
     )

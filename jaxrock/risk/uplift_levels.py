@@ -44,11 +44,12 @@ def find_uplift_levels(
         variants = np.ravel(motions.which).astype(int)
     strength = np.empty((len(motions.records), needed.size))
     for k, record in enumerate(motions.records):
-        push = np.atleast_2d(record.scale * record.acceleration)
+        scale = np.asarray(record.scale)
+        push = np.atleast_2d(scale * np.asarray(record.acceleration))
         outward = push if block.one_sided else abs(push)
         largest = outward.max(axis=-1)[variants]
         if record.vertical is not None:
-            lift = np.broadcast_to(record.scale * record.vertical, push.shape)
+            lift = np.broadcast_to(scale * np.asarray(record.vertical), push.shape)
             pairs = zip(variants, tangent, strict=True)
             largest = np.array([(outward[v] - share * lift[v]).max() for v, share in pairs])
         # A pulse into the wall ends with a push away from it that is mere rounding.
