@@ -75,7 +75,7 @@ CODE_LINES = {
     "accuracy": 644,
     "grids": 786,
     "spectra": 812,
-    "risk": 2547,
+    "risk": 2550,
     "plot": 1676,
     "reports": 817,
     "cli": 2875,

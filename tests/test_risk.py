@@ -257,7 +257,7 @@ def test_the_fields_and_the_words_of_a_rate():
     assert bool(answer.complete)
     assert str(answer) == (
         f"overturns at a rate of {float(closed_rate('pgv', *SHAPE)):.6g} 1/yr,"
-        " about once in 17,000 years, 0.29 % in 50 years\n"
+        " about once in 17,000 years, 0.3 % in 50 years\n"
         f"standard error {error:.6g} 1/yr from 3 records\n"
         f"undetected windows, and levels beyond the last, change it by {bound:.6g} 1/yr"
         " at most (95 %)"

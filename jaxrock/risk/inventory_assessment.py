@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from ..block import SIZES_IN_WORDS, Block
-from ..driven import follow_batch
+from ..driven import follow_batch, require_complete
 from ..ground_motion import warn_of_large_intensities
 from ..host import name_work, show_progress
 from ..impact import compute_low_restitution
@@ -244,7 +244,10 @@ def _simulate_objects(
     batch = make_batch_at_site(block, restitution, site, floors)
     counts = np.empty((number, reported.size))
     for k, level in enumerate(reported):
-        overturned = np.asarray(follow_batch(batch.scaled(level), model).overturned)
+        response = follow_batch(batch.scaled(level), model)
+        complete = np.asarray(response.complete).reshape(len(suite), -1).all(axis=1)
+        require_complete(complete, record=suite.names)
+        overturned = np.asarray(response.overturned)
         counts[:, k] = overturned.mean(axis=-1).sum(axis=0) / suite.directions
     low, high = bound_probabilities(counts, suite.recordings, _CONFIDENCE)
     answers = {
