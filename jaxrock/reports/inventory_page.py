@@ -65,7 +65,7 @@ def write_inventory_page(
     """
     number = dataset.object.size
     measure, unit, _ = MEASURES[dataset.attrs["measure"]]
-    words = dataset.attrs | {
+    texts = dataset.attrs | {
         "title": title or f"{number} object{'s' * (number > 1)} in earthquakes",
         "date": (datetime.date.today() if date is None else date).isoformat(),
         "years": write_years(1 / dataset.attrs["target"]),
@@ -77,7 +77,7 @@ def write_inventory_page(
         "unit": unit,
     }
     levels = zip(dataset.level.values, dataset.return_period.values, strict=True)
-    parts = {
+    elements = {
         "actions": _write_rows(dataset, _describe_action),
         "pictures": "\n".join(map(_write_picture, pictures)),
         "objects": _write_rows(dataset, _describe_object),
@@ -92,8 +92,8 @@ def write_inventory_page(
         ),
     }
     page = Template((files("jaxrock") / "data" / "inventory_page.html").read_text("utf-8"))
-    escaped = {name: html.escape(str(value)) for name, value in words.items()}
-    return _NUMBER_WITH_UNIT.sub("&nbsp;", page.substitute(escaped | parts))
+    escaped = {name: html.escape(str(value)) for name, value in texts.items()}
+    return _NUMBER_WITH_UNIT.sub("&nbsp;", page.substitute(escaped | elements))
 
 
 def _write_picture(picture: bytes) -> str:
@@ -115,7 +115,7 @@ def _write_rows(
             "name": str(answer.object.values),
         }
         row = "".join(
-            f'<td class="{kind.rstrip("0123456789")}">{html.escape(cell)}</td>'
+            f'<td class="{kind}">{html.escape(cell)}</td>'
             for kind, cell in (cells | describe(answer)).items()
         )
         rows.append(f'<tr class="{str(answer.verdict.values).partition(" ")[0]}">{row}</tr>')
@@ -189,7 +189,7 @@ def _describe_object(answer: "xarray.Dataset") -> dict[str, str]:
         "restitution": f"{float(answer.restitution):.3f}{_bracket(*notes)}",
         "uplift": _write_number(answer.uplift_intensity),
         "median": f"{_write_number(answer['median'])}{_bracket(_write_number(answer.dispersion))}",
-        "words2": important,
+        "important": important,
     }
 
 

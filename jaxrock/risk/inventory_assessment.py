@@ -135,7 +135,7 @@ def assess_inventory(
     # It was perhaps given as a return period.
     if target > 1:
         raise ValueError(
-            f"target must be a rate of at most once a year, got {target:g} 1/yr; that of a return"
+            f"target must be a rate of at most 1 per year, got {target:g} 1/yr; that of a return"
             f" period of {target:g} years is {1 / target:.3g} 1/yr (--target-return-period on the"
             " command line)"
         )

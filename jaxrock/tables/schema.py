@@ -94,11 +94,12 @@ def read_columns(table: Table, columns: Mapping[str, Column]) -> Contents:
     rows = table.rows
     if not rows:
         raise table.error("at least one row was expected below the heads")
-    others = {
-        head.label: [row.cells[position] for row in rows]
-        for position, head in enumerate(table.heads)
-        if head.label and position not in positions.values()
-    }
+    others: dict[str, list[str]] = {}
+    for position, head in enumerate(table.heads):
+        if head.label and position not in positions.values():
+            # A second column of the same name is kept as well.
+            label = f"{head.label} ({position + 1})" if head.label in others else head.label
+            others[label] = [row.cells[position] for row in rows]
     contents = Contents(table, {}, others)
     for name, column in columns.items():
         position = positions.get(name)

@@ -104,3 +104,8 @@ def test_units(spellings, dimension, factor):
         unit = parse_unit(spelling)
         assert unit.dimension == dimension, spelling
         assert unit.factor == pytest.approx(factor, rel=1e-15, nan_ok=True), spelling
+
+
+def test_two_unknown_columns_of_one_name_are_kept(write):
+    others = read_table(write(f"{HEAD},note,note\na,1,1,x,y\n"), COLUMNS).others
+    assert list(others.values()) == [["x"], ["y"]]
