@@ -433,7 +433,7 @@ def test_questions_about_suites_share_programs(compiled):
         lambda some: jr.respond_within(
             jr.Block(np.array([0.5, 1.5]), 1.0), 0.3, some, 1e-6, 2.0
         ),
-        lambda some: jr.fragility(block(0), 0.8, some, [0.1, 0.3], tolerance=1e-2),
+        lambda some: jr.fragility(block(0), 0.8, some, [0.1, 0.3]),
         lambda some: jr.overturning_boundaries(block(0), 0.8, some, "half_width", [0.1, 0.2]),
         lambda some: jr.overturning_rate(
             block(0), 0.8, jr.Site(some, hazard, levels=[0.2, 0.9])

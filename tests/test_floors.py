@@ -330,9 +330,6 @@ def test_the_floor_of_a_sample_is_its_own():
     np.testing.assert_allclose(
         curves.exceedance.sel(threshold="overturning"), np.mean(outcomes, axis=0)
     )
-    objects = jr.risk.Inventory(["a"], jr.Block(np.array([0.15]), 4.0), 0.8, uncertain)
-    table = jr.risk.assess_inventory(objects, site, 1e-3)
-    np.testing.assert_allclose(table.rate, [float(rate.rate)], rtol=1e-3)
 
 
 @pytest.mark.thorough

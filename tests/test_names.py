@@ -101,8 +101,6 @@ QUESTIONS = {
         1e-3,
         text("width"),
         (0.2, 1.0),
-        side=text("above"),
-        resolution=0.05,
     ),
     "elasticities": lambda text: jr.risk.rate_elasticities(
         BLOCK, 0.8, site(text), by=text("sides")

@@ -28,7 +28,7 @@ class Windows(NamedTuple):
     def rate_changes(self):
         """The hazard at each boundary, less where overturning ends."""
         signs = np.where(np.arange(self.boundaries.shape[-1]) % 2, -1.0, 1.0)
-        return signs * hazard(np.exp(self.boundaries))
+        return signs * np.asarray(hazard(np.exp(self.boundaries)))
 
     def count_below(self):
         """How many boundaries lie below each level."""
@@ -85,7 +85,7 @@ def test_the_bound_of_windows_that_are_not_detected(draw, options):
     first = np.minimum(counts[..., :-1], changes.shape[-1] - 1)
     located = np.where(changed, np.take_along_axis(changes, first, axis=-1), 0)
     error = abs((changes.sum(axis=-1) - located.sum(axis=-1)).mean(axis=0))
-    rates = hazard(np.exp(PLACES))
+    rates = np.asarray(hazard(np.exp(PLACES)))
     # Beyond the last level nothing happens here.
     bound = np.asarray(bound_not_detected(overturned, rates)) - rates[-1]
     noise = np.sqrt(0.95 * 0.05 / POPULATIONS)

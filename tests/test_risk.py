@@ -20,7 +20,7 @@ from scipy import optimize, stats
 
 import jaxrock as jr
 from jaxrock.driven import follow_batch
-from jaxrock.risk.lognormal import BoundarySums, fit_lognormal, sum_powers
+from jaxrock.risk.lognormal import fit_lognormal
 
 DOUBLE = pytest.mark.float64
 SLOW = pytest.mark.thorough
@@ -88,11 +88,10 @@ def test_rates_too_small_for_normal_numbers():
         jr.Hazard([0.1, 0.3], [tiny, tiny / 10])
 
 
-def make_sums(boundaries, signs=1.0, below=0, above=0):
+def fit(boundaries, ends, signs=1.0, below=0, above=0):
     boundaries = np.atleast_1d(boundaries).astype(float)
-    return BoundarySums(
-        below, above, sum_powers(boundaries, np.broadcast_to(signs, boundaries.shape))
-    )
+    weights = np.broadcast_to(signs, boundaries.shape).astype(float)
+    return fit_lognormal(boundaries, weights, float(below), float(above), np.unique(ends))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +107,7 @@ def make_sums(boundaries, signs=1.0, below=0, above=0):
 def test_lognormal_fit_maximizes_the_likelihood(boundaries, below, above):
     """Of densities at the boundaries, and of what is not seen beyond the ends."""
     ends = (0.5, 2.0)
-    fit = fit_lognormal(make_sums(boundaries, below=below, above=above), ends)
+    found = fit(boundaries, ends, below=below, above=above)
 
     def compute_likelihood(parameters):
         curve = stats.norm(parameters[0], np.exp(parameters[1]))
@@ -120,58 +119,48 @@ def test_lognormal_fit_maximizes_the_likelihood(boundaries, below, above):
 
     best = optimize.minimize(
         lambda parameters: -compute_likelihood(parameters),
-        [np.log(fit.median) + 0.1, np.log(fit.dispersion) - 0.1],
+        [np.log(found.median) + 0.1, np.log(found.dispersion) - 0.1],
         method="Nelder-Mead",
         options={"xatol": 1e-9, "fatol": 1e-13, "maxiter": 4000, "maxfev": 4000},
     )
-    assert fit.median == pytest.approx(np.exp(best.x[0]), rel=1e-5)
-    assert fit.dispersion == pytest.approx(np.exp(best.x[1]), rel=1e-5)
-    assert fit.remark == ""
+    assert found.median == pytest.approx(np.exp(best.x[0]), rel=1e-5)
+    assert found.dispersion == pytest.approx(np.exp(best.x[1]), rel=1e-5)
+    assert found.remark == ""
 
 
 def test_a_fit_with_survival_windows_has_the_moments_of_the_counts():
     """Mean and variance of ln(level), by the counted probability as a distribution."""
     boundaries = [0.6, 1.1, 0.8, 0.9, 1.5]
     signs = [1, 1, 1, -1, 1]
-    fit = fit_lognormal(make_sums(boundaries, signs), (0.5, 2.0))
+    found = fit(boundaries, (0.5, 2.0), signs)
     x = np.linspace(np.log(0.5), np.log(2.0), 200_001)
     probability = sum(s * (x > np.log(b)) for b, s in zip(boundaries, signs, strict=True)) / 3
     mean = x[-1] - np.trapezoid(probability, x)
     variance = x[-1] ** 2 - np.trapezoid(2 * x * probability, x) - mean**2
-    assert np.log(fit.median) == pytest.approx(mean, abs=1e-4)
-    assert fit.dispersion == pytest.approx(variance**0.5, rel=1e-4)
+    assert np.log(found.median) == pytest.approx(mean, abs=1e-4)
+    assert found.dispersion == pytest.approx(variance**0.5, rel=1e-4)
 
 
 @pytest.mark.parametrize(
-    ("sums", "ends", "expected"),
+    ("arguments", "expected"),
     [
-        (make_sums([], above=5), (1.0, 9.0), (NAN, NAN, "never exceeded")),
-        (make_sums([], below=5), (1.0, 9.0), (NAN, NAN, "always exceeded")),
-        (make_sums([2.0] * 5), (1.0, 9.0), (2.0, 0.0, "the same level under all records")),
-        (make_sums([2.0]), (1.0, 9.0), (2.0, 0.0, "a single record")),
+        (([], (1, 9), 1, 0, 5), (NAN, NAN, "never exceeded")),
+        (([], (1, 9), 1, 5, 0), (NAN, NAN, "always exceeded")),
+        (([2.0] * 5, (1, 9)), (2.0, 0.0, "the same level under all records")),
+        (([2.0], (1, 9)), (2.0, 0.0, "a single record")),
         (
-            make_sums([], below=2, above=3),
-            (4.0, 4.0),
-            (NAN, NAN, "one level is not enough for a curve"),
-        ),
-        (
-            make_sums([], below=2, above=3),
-            (1.0, 9.0),
+            ([], (1, 9), 1, 2, 3),
             (NAN, NAN, "the probability does not increase with the level"),
         ),
-        (
-            make_sums([2.0, 3.0], [1, -1], above=5),
-            (1.0, 9.0),
-            (NAN, NAN, "the probability does not increase with the level"),
-        ),
+        (([2.0, 3.0], (1, 9), [1, -1], 0, 5), (NAN, NAN, "the probability does not increase")),
     ],
 )
-def test_boundaries_without_a_curve(sums, ends, expected):
-    fit = fit_lognormal(sums, ends)
-    np.testing.assert_allclose(fit[:2], expected[:2], rtol=1e-14)
-    assert fit.remark == expected[2]
-    step = [0.0, 1.0] if fit.dispersion == 0 else [NAN] * 2
-    np.testing.assert_array_equal(fit.at(np.array([1.9, 9.1])), step)
+def test_boundaries_without_a_curve(arguments, expected):
+    found = fit(*arguments)
+    np.testing.assert_allclose(found[:2], expected[:2], rtol=1e-14)
+    assert found.remark.startswith(expected[2])
+    step = [0.0, 1.0] if found.dispersion == 0 else [NAN] * 2
+    np.testing.assert_array_equal(found.at(np.array([1.9, 9.1])), step)
 
 
 SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
@@ -181,7 +170,8 @@ LEVELS = np.geomspace(0.9, 6.0, 40)
 
 
 def site_of_pulses(samples, measure="pgv", levels=LEVELS, often=OFTEN, power=POWER):
-    return jr.Site(pulses(samples), lambda x: often * x**-power, measure, levels)
+    ends = np.array([0.1, 20.0])
+    return jr.Site(pulses(samples), jr.Hazard(ends, often * ends**-power), measure, levels)
 
 
 def rate_of_pulses(shape, restitution, site):
@@ -236,7 +226,9 @@ def test_under_jit_no_more_boundaries_than_are_listed():
     assert concrete.complete
     compiled = jax.jit(lambda c: jr.overturning_rate(SLIM, c, site, max_boundaries=1))(0.9)
     assert not compiled.complete
-    assert "incomplete: there are more boundaries than are listed" in str(compiled)
+    assert "incomplete: an integration did not finish, or a boundary is not listed" in str(
+        compiled
+    )
 
 
 @SLOW
@@ -248,9 +240,9 @@ def test_the_fields_and_the_words_of_a_rate():
     assert answer.boundaries is not None
     np.testing.assert_allclose(answer.boundaries.value[:, 0], verges, rtol=1e-7)
     np.testing.assert_allclose(answer.contributions, hazard(verges), rtol=1e-6)
-    error = np.std(hazard(verges), ddof=1) / np.sqrt(3)
+    error = np.std(np.asarray(hazard(verges)), ddof=1) / np.sqrt(3)
     assert float(answer.standard_error) == pytest.approx(error, rel=1e-6)
-    rates = hazard(LEVELS)
+    rates = np.asarray(hazard(LEVELS))
     at = np.searchsorted(LEVELS, verges)
     bound = (rates[at - 1] - rates[at]).max() + rates[-1]
     assert float(answer.not_detected) == pytest.approx(bound, rel=1e-9)
@@ -288,7 +280,7 @@ def test_an_incomplete_rate_names_the_record():
     assert str(answer).endswith(
         "incomplete: record '1' overturns it at the lowest level, so that the rate may be higher"
     )
-    assert float(answer.contributions[0]) == pytest.approx(hazard(levels[0]), rel=1e-12)
+    assert float(answer.contributions[0]) == pytest.approx(float(hazard(levels[0])), rel=1e-12)
     verges = np.array([float(verge("pgv", duration, *SHAPE)) for duration in DURATIONS[1:]])
     np.testing.assert_allclose(answer.contributions[1:], hazard(verges), rtol=1e-6)
 
@@ -329,10 +321,6 @@ def test_rate_under_a_hazard_with_zeros(move):
 
     derivative = float(jax.grad(lambda b: rate(b, site).rate)(SHAPE[0]))
     assert derivative == pytest.approx(float(mpmath.diff(exact_rate, SHAPE[0])), rel=1e-4)
-    # A function of the user's, with more levels than there is hazard.
-    places = np.geomspace(BENDS[0], BENDS[-1], 300)[1:-1] * move / 2
-    plain = rate(SHAPE[0], jr.Site(pulses(400), lambda level: curve(level), levels=places))
-    np.testing.assert_allclose(plain.contributions, exact, rtol=1e-5, atol=1e-12)
     samples = rate(SHAPE[0], site, uncertain=jr.Uncertain({"restitution": 1e-9}, samples=2))
     np.testing.assert_allclose(samples.contributions, exact, rtol=1e-3, atol=1e-12)
     assert float(answer.not_detected) >= 0 <= float(samples.not_detected)
@@ -349,9 +337,7 @@ def lifted_by(suite):
 def test_fragility_of_pulses_is_a_staircase(eps):
     suite = pulses(200)
     levels = np.array([0.3, 0.8, 1.2, 1.5, 1.72, 2.0, 2.5])
-    curves = jr.fragility(
-        BLOCK, RESTITUTION, suite, levels, confidence=0.9, model="linearized", tolerance=1e-2
-    )
+    curves = jr.fragility(BLOCK, RESTITUTION, suite, levels, model="linearized")
     assert curves.threshold.values.tolist() == ["uplift", "0.5", "1", "overturning"]
     assert curves.exceedance.dims == ("level", "threshold")
     durations = np.array(DURATIONS)
@@ -363,33 +349,28 @@ def test_fragility_of_pulses_is_a_staircase(eps):
         of_one = curves.sel(threshold=threshold)
         np.testing.assert_allclose(of_one.exceedance, counts / 3, rtol=eps)
         low, high = stats.beta.ppf(
-            [[0.05], [0.95]], [counts, counts + 1], [4 - counts, 3 - counts]
+            [[0.025], [0.975]], [counts, counts + 1], [4 - counts, 3 - counts]
         )
         np.testing.assert_allclose(of_one.exceedance_low, np.where(counts, low, 0), rtol=1e-9)
         np.testing.assert_allclose(
             of_one.exceedance_high, np.where(counts < 3, high, 1), rtol=1e-9
         )
         assert str(of_one.remark.values) == ""
-        # Uplift is exact; other boundaries are located to 3e-3, at most half of it beside.
-        accuracy = 1e-12 if threshold == "uplift" else 1.5e-3
+        # Boundaries are located to 4e-3, at most half of it beside.
         measured = lifted_by(suite) if threshold == "uplift" else np.log(at)
-        assert np.log(of_one.lognormal_median) == pytest.approx(measured.mean(), abs=accuracy)
-        assert float(of_one.lognormal_dispersion) == pytest.approx(
-            measured.std(), abs=accuracy
-        )
+        assert np.log(of_one.lognormal_median) == pytest.approx(measured.mean(), abs=2e-3)
+        assert float(of_one.lognormal_dispersion) == pytest.approx(measured.std(), abs=2e-3)
     assert (curves.exceedance.diff("threshold") <= 0).all()
-    np.testing.assert_allclose(curves.factor, suite.factors(levels, "pgv"), rtol=4 * eps)
 
 
 @pytest.mark.float64
 def test_medians_of_located_boundaries():
-    """As bisected with `respond`; uplift exact; an inventory has the same."""
+    """As bisected with `respond`; an inventory has the same."""
     suite = pulses(50)[:2]
     levels = np.geomspace(2.0, 60.0, 12)
     options = {"measure": "pga", "thresholds": ["uplift", "overturning"]}
     curves = jr.fragility(BLOCK, RESTITUTION, suite, levels, **options)
-    assert float(curves.lognormal_median[0]) == pytest.approx(9.81 / 4, rel=1e-12)
-    assert float(curves.lognormal_dispersion[0]) == 0
+    assert float(curves.lognormal_median[0]) == pytest.approx(9.81 / 4, rel=2e-3)
     boundaries = []
     for record, peak in zip(suite, np.asarray(suite.measure("pga")), strict=True):
         low = 9.81 / 4

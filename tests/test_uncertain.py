@@ -9,8 +9,6 @@ from references.half_sine_rates import closed_rate, hazard, pulses
 from scipy import special, stats
 
 import jaxrock as jr
-from jaxrock.risk import Inventory
-from jaxrock.risk.inventory_groups import group_objects
 from jaxrock.sensitivity import find_coefficients
 from jaxrock.sensitivity.distributions import find_widths
 from jaxrock.sensitivity.samples import draw_normal_numbers
@@ -262,26 +260,6 @@ def test_local_dependence_of_correlated_parameters():
     np.testing.assert_allclose(local.derivatives * local.at, 1.0, rtol=1e-9)
 
 
-def test_groups_of_an_inventory_keep_correlations():
-    """But for those of the floor, in a group without one."""
-    correlations = {("restitution", "half_width"): 0.5, ("restitution", "floor_period"): 0.3}
-    uncertain = jr.Uncertain(
-        {"restitution": [0.05, 0.1], "half_width": 0.1, "floor_period": 0.2},
-        correlations=correlations,
-        samples=4,
-        seed=1,
-    )
-    block = jr.Block(np.array([0.1, 0.15]), 4.0)
-    inventory = Inventory(
-        ["on the ground", "above"], block, [0.8, 0.85], uncertain, floor_period=[0.0, 0.3]
-    )
-    site = jr.Site(pulses(50), hazard, levels=[1.0, 2.0])
-    ground, floor = (group.inventory.uncertain for group in group_objects(inventory, site))
-    assert floor.correlations == correlations
-    assert ground.correlations == {("restitution", "half_width"): 0.5}
-    assert (ground.samples, ground.seed) == (floor.samples, floor.seed) == (4, 1)
-
-
 def test_a_dataset_lists_correlations():
     uncertain = jr.Uncertain(
         {ANGLE: 0.1, "restitution": 0.05},
@@ -291,8 +269,7 @@ def test_a_dataset_lists_correlations():
     curves = jr.fragility(
         BLOCK, 0.85, pulses(50)[:1], [1.0, 2.0], uncertain=uncertain, model="linearized"
     )
-    assert curves.attrs["coefficient_of_variation_of_critical_angle"] == 0.1
-    assert curves.attrs["correlation_of_critical_angle_and_restitution"] == 0.4
+    assert curves.attrs["uncertain"] == str(uncertain)
 
 
 def test_coefficients_from_widths_there_and_back():

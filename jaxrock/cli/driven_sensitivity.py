@@ -117,7 +117,7 @@ def _read_suite(options: MotionOptions, records: str, one_sided: bool) -> Suite:
     of_motion = ("amplitude", "pulse_duration", "column", "vertical")
     refuse_beside("--records", **{name: getattr(options, name) for name in of_motion})
     suite = read_records(records, options.unit, options.time_step)
-    suite = put_on_floor(suite, options.floor_period, options.floor_damping)
+    suite = put_on_floor(suite, *options.floor)
     return turn_suite(suite, None, one_sided)
 
 

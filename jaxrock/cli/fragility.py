@@ -8,15 +8,13 @@ from ..grids import write_table
 from ..ground_motion import MEASURES
 from ..host import format_table, write_whole
 from ..risk import (
-    Hazard,
-    RateElasticities,
+    OverturningRate,
     Site,
     name_thresholds,
     overturning_rate,
     rate_elasticities,
 )
 from ..sensitivity import Uncertain
-from ..validation import POSITIVE, check
 from .answers import Answer, describe_options, save_picture
 from .motion_options import SuiteOptions
 from .options import (
@@ -42,9 +40,9 @@ def fragility(  # noqa: PLR0913
     measure: Literal["pgv", "pga", "pgv_ratio", "pga_ratio"] = "pgv",
     levels: Grid | None = None,
     threshold: tuple[str, ...] = ("uplift", "0.5", "1", "overturning"),
-    tolerance: float = 1e-3,
     uncertain: tuple[str, ...] = (),
     samples: Count | None = None,
+    elasticities: bool = False,
     model: ModelName = "nonlinear",
     suite_options: SuiteOptions = SuiteOptions(),
     block_options: BlockOptions = BlockOptions(),
@@ -68,8 +66,6 @@ def fragility(  # noqa: PLR0913
         size of the block.
     threshold
         Rotation ratios alpha_max / alpha_c [-], or the words "uplift" and "overturning".
-    tolerance
-        Allowed relative error of peak rotations.
     uncertain
         Coefficients of variation of uncertain parameters, as in restitution=0.05 width=0.02.
         Names are restitution, gravity, inertia_ratio, floor_period, floor_damping, and one
@@ -77,6 +73,8 @@ def fragility(  # noqa: PLR0913
         frequency_parameter.
     samples
         Number of samples of uncertain parameters, a power of 2. 64 if not given.
+    elasticities
+        With a hazard: by how many per cent the rate changes if a parameter changes by 1 %.
     model
         Equation of motion.
     out
@@ -89,10 +87,11 @@ def fragility(  # noqa: PLR0913
     thresholds = [_read_threshold(word) for word in threshold]
     with naming_arguments(thresholds="--threshold"):
         name_thresholds(thresholds)
-    check("tolerance", tolerance, POSITIVE)
     # Every record must have some of the measure, or it could not be scaled to a level.
     suite.factors(1.0, measure, block)
     hazard = suite_options.read_hazard(measure)
+    if hazard is None:
+        refuse("--hazard", elasticities=elasticities or None)
     site = None if hazard is None else Site(suite, hazard, measure)
     uncertainty = _read_uncertain(uncertain, samples)
     if uncertainty is not None:
@@ -113,7 +112,6 @@ def fragility(  # noqa: PLR0913
             measure,
             thresholds,
             uncertain=uncertainty,
-            tolerance=tolerance,
             model=model,
         ).assign_attrs(about)
         curves.to_netcdf(folder / "fragility.nc")
@@ -129,16 +127,17 @@ def fragility(  # noqa: PLR0913
         if block_options.restitution is None:
             data["restitution"] = block_options.restitution_text
         if site is not None:
-            # Of a block that is given by its sides, these are what can be changed.
-            by = "shape" if block_options.height is None else "sides"
-            elasticities = rate_elasticities(block, c, site, model=model, by=by)
-            rate_lines, rates = _describe_rate(site, elasticities)
-            lines += rate_lines
-            data |= rates
-            if uncertainty is not None:
-                mean = overturning_rate(block, c, site, uncertainty, model=model)
-                lines.append(f"with uncertain parameters: {mean}")
-                data["rate_with_uncertainty"] = float(mean.rate)
+            rate = overturning_rate(block, c, site, uncertainty, model=model)
+            lines.append(str(rate))
+            data |= _list_rate(site, rate)
+            # A rate that is not known has no elasticities.
+            if elasticities and rate.rate >= rate.last_rate:
+                # Of a block that is given by its sides, these are what can be changed.
+                by = "shape" if block_options.height is None else "sides"
+                changes = rate_elasticities(block, c, site, model=model, by=by)
+                lines.append(str(changes))
+                of_each = zip(changes.names, changes.elasticity.tolist(), strict=True)
+                data["elasticities"] = dict(of_each)
     files = [target / name for name in _FILES]
     return Answer("\n".join(lines), data, output, files)
 
@@ -174,7 +173,6 @@ def _describe_curves(
 ) -> tuple[list[str], dict[str, object]]:
     """Describe medians and dispersions of the curves: lines of text, and data."""
     measure = curves.attrs["measure"]
-    chaotic = 1 - float(curves.within_tolerance.mean())
     median = curves["lognormal_median"].values
     dispersion = curves["lognormal_dispersion"].values
     unit = MEASURES[measure][1]
@@ -188,30 +186,24 @@ def _describe_curves(
         format_table(
             f"lognormal curves of the level of {measure} from which on the block would ...",
             descriptions,
-            **{f"median{unit and f' [{unit}]'}": median},
+            **{
+                f"median{unit and f' [{unit}]'}": [
+                    x if levels[0] <= x <= levels[-1] else "-" for x in median.tolist()
+                ]
+            },
             dispersion=dispersion,
         ),
     ]
     for words, remark in zip(descriptions, curves.remark.values, strict=True):
         if remark:
             lines.append(f"{words}: {remark}")
-    if chaotic:
-        lines.append(f"{chaotic:.1%} of the responses are not within the tolerance")
     data: dict[str, object] = {
         "records": curves.sizes["record"],
         "thresholds": names,
         "median": median.tolist(),
         "dispersion": dispersion.tolist(),
         "remarks": curves.remark.values.tolist(),
-        "fraction_within_tolerance": 1 - chaotic,
     }
-    if "sample" in curves.dims:
-        parts = {
-            name.removeprefix("dispersion_"): curves[name].values
-            for name in ("dispersion_of_records", "dispersion_of_parameters")
-        }
-        lines.append(format_table("dispersion by its causes", descriptions, **parts))
-        data |= {f"dispersion_{name}": part.tolist() for name, part in parts.items()}
     return lines, data
 
 
@@ -225,26 +217,12 @@ def _describe_threshold(name: str) -> str:
     return words.get(name, f"rock to {name} of the critical angle")
 
 
-def _describe_rate(
-    site: Site, elasticities: RateElasticities
-) -> tuple[list[str], dict[str, object]]:
-    """Describe the rate of overturning, and what it depends on: lines of text, and data."""
-    rate = elasticities.rate
-    # A rate that is not known has no elasticities.
-    lines = [str(rate)] + [str(elasticities)] * bool(rate.rate >= rate.last_rate)
-    assert isinstance(site.hazard, Hazard)
-    if site.hazard.statistic:
-        lines.insert(0, str(site.hazard))
-    names = elasticities.names
-    over_change = elasticities.over_change.tolist()
-    at_point = elasticities.at_point.tolist()
-    data: dict[str, object] = {
+def _list_rate(site: Site, rate: OverturningRate) -> dict[str, object]:
+    """List the data of a rate of overturning."""
+    return {
         "hazard": str(site.hazard),
         "rate": float(rate.rate),
         "standard_error": float(rate.standard_error),
         "not_detected": float(rate.not_detected),
         "complete": bool(rate.complete),
-        "elasticities": dict(zip(names, over_change, strict=True)),
-        "elasticities_at_point": dict(zip(names, at_point, strict=True)),
     }
-    return lines, data

@@ -18,7 +18,6 @@ from ..risk import (
     Site,
     assess_inventory,
     describe_place,
-    describe_required_width,
     describe_years,
     name_records,
     read_example_inventory,
@@ -27,10 +26,10 @@ from ..risk import (
     write_years,
 )
 from ..tables import write_csv
-from ..validation import POSITIVE, check, check_increasing
+from ..validation import POSITIVE, check
 from .answers import Answer, describe_options, save_picture
 from .motion_options import SuiteOptions
-from .options import FileOutput, Folder, Grid, ModelName, read_numbers, refuse_beside
+from .options import FileOutput, Folder, ModelName, refuse_beside
 
 if TYPE_CHECKING:
     import matplotlib.axes
@@ -51,7 +50,8 @@ def inventory(  # noqa: PLR0913
     target: float | None = None,
     target_return_period: float | None = None,
     measure: Literal["pgv", "pga"] = "pgv",
-    level: Grid | None = None,
+    required_width: bool = True,
+    elasticities: bool = False,
     model: ModelName = "nonlinear",
     title: str | None = None,
     suite_options: SuiteOptions = SuiteOptions(),
@@ -67,9 +67,9 @@ def inventory(  # noqa: PLR0913
     Objects against a wall have yes in a column one-sided. Objects on upper floors have a
     floor period [s] and optionally a floor damping. Give the hazard of the ground by --hazard.
     For each object the command gives the uplift intensity, the probability and the rate of
-    overturning, the most important parameter, and the width that it needs at this height: with
-    it, and with any larger width, the rate stays below the target. Where no restitution is
-    given, the command computes the rate with a low and with a high one.
+    overturning, and the width that it needs at this height: with it, and with any larger width,
+    the rate stays below the target. Where no restitution is given, the command computes the rate
+    with a low and with a high one.
 
     Writes inventory.nc, inventory.csv, inventory.png and inventory.html, a page to print.
 
@@ -88,9 +88,11 @@ def inventory(  # noqa: PLR0913
         The return period of the tolerated rate, 1 over the target [yr].
     measure
         Peak ground velocity [m/s] or acceleration [m/s2].
-    level
-        Levels for probabilities. By default the levels with return periods of 475 and 2,475
-        years.
+    required_width
+        Search the width that each object needs for the target, which takes most of the time.
+    elasticities
+        Compute by how many per cent the rate of each object changes if its width, its height or
+        its restitution changes by 1 %.
     model
         Equation of motion.
     title
@@ -104,11 +106,6 @@ def inventory(  # noqa: PLR0913
     is_example = str(file) == "example"
     if is_example and target is None and target_return_period is None:
         target_return_period = _EXAMPLE_PERIOD
-    reported_levels = None
-    if level is not None:
-        reported_levels = np.array(read_numbers("level", level))
-        check("level", reported_levels, POSITIVE)
-        check_increasing("level", reported_levels)
     if is_example:
         objects, hazard = _read_example(suite_options, measure)
         about["hazard"] = _EXAMPLE_HAZARD
@@ -132,7 +129,12 @@ def inventory(  # noqa: PLR0913
         if is_example:
             write_example_inventory(folder)
         assessed = assess_inventory(
-            objects, site, rate, reported_levels=reported_levels, model=model
+            objects,
+            site,
+            rate,
+            required_width=required_width,
+            elasticities=elasticities,
+            model=model,
         )
         assessed = assessed.assign_attrs(about)
         assessed.to_netcdf(folder / "inventory.nc")
@@ -233,26 +235,12 @@ def _collect_columns(
     for name in map(str, assessed.data_vars):
         variable = assessed[name]
         unit = variable.attrs.get("units", "")
-        if name == "required_width":
-            columns[name] = _list_required_widths(assessed)
-            units[name] = unit
-            continue
         # A column for each level and each parameter.
         for index, label in _label_entries(assessed, variable):
             head = f"{name}{label}"
             columns[head] = variable.values[(slice(None), *index)].tolist()
             units[head] = unit
     return columns, units
-
-
-def _list_required_widths(assessed: "xarray.Dataset") -> list[object]:
-    """List required widths in full precision, with "<=" where there is a bound only."""
-    pairs = zip(
-        assessed.required_width.values.tolist(),
-        assessed.required_width_is_bound.values.tolist(),
-        strict=True,
-    )
-    return [f"<= {width}" if is_bound else width for width, is_bound in pairs]
 
 
 def _label_entries(
@@ -262,8 +250,7 @@ def _label_entries(
     dims = variable.dims[1:]
     if not dims:
         return [((), "")]
-    unit = MEASURES[assessed.attrs["measure"]][1] if dims[0] == "level" else ""
-    words = [f"{x:.4g} {unit}" if unit else str(x) for x in assessed[dims[0]].values]
+    words = map(str, assessed["written" if dims[0] == "level" else dims[0]].values)
     before = {"level": " at ", "parameter": " to ", "column": ": "}[str(dims[0])]
     return [((k,), f"{before}{word}") for k, word in enumerate(words)]
 
@@ -285,19 +272,18 @@ def _write_table(assessed: "xarray.Dataset") -> str:
         f"median [{unit}]": assessed["median"].values,
         "rate [1/yr]": assessed.rate.values,
         "std. error": assessed.standard_error.values,
-        "needs [m]": [describe_required_width(answer) for answer in answers],
     }
     above = int((assessed.verdict == MISSES).sum())
     title = (
         f"{above} of {len(names)} objects overturn more often than {target:.4g} 1/yr, once in"
         f" {write_years(1 / target)} years, under {name_records(assessed)};"
-        f" {assessed.attrs['hazard_curve']}. needs: the width at this height for the target"
+        f" {assessed.attrs['hazard_curve']}"
     )
     short = [name[:_LONGEST_NAME] for name in names]
     table = format_table(title, short, **columns)
-    # The last column is as wide as its words.
-    years = [f"  {describe_years(answer)}" for answer in answers]
-    ends = ["", "  once in [yr]", *years]
+    # The last columns are as wide as their words.
+    ends = ["", "  once in [yr]; for the target"]
+    ends += [f"  {describe_years(answer)}; {answer.need.values}" for answer in answers]
     lines = zip(table.splitlines(), ends, strict=True)
     return "\n".join(line + end for line, end in lines)
 
@@ -323,6 +309,10 @@ def _collect_data(assessed: "xarray.Dataset") -> dict[str, object]:
         "target": assessed.attrs["target"],
         "measure": assessed.attrs["measure"],
         "levels": assessed.level.values.tolist(),
-        "parameters": assessed.parameter.values.tolist(),
         "objects": objects,
+        **(
+            {"parameters": assessed.parameter.values.tolist()}
+            if "parameter" in assessed
+            else {}
+        ),
     }

@@ -8,6 +8,7 @@ from cyclopts import Group, Parameter
 
 from ..ground_motion import (
     FEMA_SETS,
+    FLOOR_PERIOD,
     PULSES,
     Motion,
     Record,
@@ -55,6 +56,13 @@ class RecordOptions:
     ground."""
     floor_damping: float | None = None
     """Damping ratio of that floor [-]. 0.05 if not given."""
+    floor_participation: float | None = None
+    """Participation of its mode in the motion of that floor [-]. 1 if not given."""
+
+    @property
+    def floor(self) -> tuple[float | None, float | None, float | None]:
+        """The floor: its period, damping and participation."""
+        return self.floor_period, self.floor_damping, self.floor_participation
 
     @property
     def factor(self) -> float:
@@ -64,7 +72,7 @@ class RecordOptions:
     def read_unscaled(self) -> Motion:
         """Read the record, by default the example, without the factor; on its floor."""
         record = self._read_record()
-        return put_on_floor(Suite([record]), self.floor_period, self.floor_damping).records[0]
+        return put_on_floor(Suite([record]), *self.floor).records[0]
 
     def _read_record(self) -> Record:
         """Read the record, by default the example, of the ground."""
@@ -149,6 +157,7 @@ class MotionOptions(RecordOptions):
             "time_step",
             "floor_period",
             "floor_damping",
+            "floor_participation",
         )
         refuse_beside("--pulse", **{name: getattr(self, name) for name in of_record})
         if self.amplitude is None or self.pulse_duration is None:
@@ -180,6 +189,8 @@ class SuiteOptions:
     """Period of the floor on which objects stand [s]. Without it, they stand on the ground."""
     floor_damping: float | None = None
     """Damping ratio of that floor [-]. 0.05 if not given."""
+    floor_participation: float | None = None
+    """Participation of its mode in the motion of that floor [-]. 1 if not given."""
     hazard: Path | None = None
     """A .csv file with levels and rates per year, or a hazard curve of OpenQuake or
     nshmp-haz; of the latter, a curve of --measure."""
@@ -188,10 +199,15 @@ class SuiteOptions:
     hazard_site: tuple[float, ...] | None = None
     """Longitude and latitude of the site [deg], if the file has curves of several sites."""
 
+    @property
+    def floor(self) -> tuple[float | None, float | None, float | None]:
+        """The floor: its period, damping and participation."""
+        return self.floor_period, self.floor_damping, self.floor_participation
+
     def read_suite(self, one_sided: bool = False) -> Suite:
         """Read the records of a folder, or take those of a name; on their floor, in a direction."""
         suite = read_records(self.records, self.unit, self.time_step, self.with_vertical)
-        suite = put_on_floor(suite, self.floor_period, self.floor_damping)
+        suite = put_on_floor(suite, *self.floor)
         return turn_suite(suite, self.direction, one_sided)
 
     def read_hazard(self, measure: str) -> Hazard | None:
@@ -216,14 +232,21 @@ class SuiteOptions:
             return read_hazard(self.hazard, unit=self.hazard_unit, measure=measure, site=site)
 
 
-def put_on_floor(suite: Suite, period: float | None, damping: float | None) -> Suite:
+def put_on_floor(
+    suite: Suite,
+    period: float | None,
+    damping: float | None,
+    participation: float | None = None,
+) -> Suite:
     """Put a suite on the floor of a period; the suite itself where none is given."""
     if period is None:
-        refuse("--floor-period", floor_damping=damping)
+        refuse("--floor-period", floor_damping=damping, floor_participation=participation)
         return suite
     check("floor_period", period, POSITIVE)
-    given = {} if damping is None else {"damping": damping}
-    return suite.on_floor(period, time_step=choose_floor_step(period), **given)
+    check("floor_period", period, FLOOR_PERIOD)
+    given = {"damping": damping, "participation": participation}
+    floor = {name: value for name, value in given.items() if value is not None}
+    return suite.on_floor(period, time_step=choose_floor_step(period), **floor)
 
 
 def turn_suite(suite: Suite, direction: Direction | None, one_sided: bool) -> Suite:

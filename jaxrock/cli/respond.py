@@ -155,6 +155,8 @@ def _describe_scene(block_options: BlockOptions, options: MotionOptions) -> str:
         damping = options.floor_damping
         damping = FLOOR_DAMPING if damping is None else damping
         floor = f", on a floor of period {options.floor_period:g} s, damping {damping:g}"
+        if options.floor_participation is not None:
+            floor += f", participation {options.floor_participation:g}"
     scaled = f"scaled by {options.factor:g}"
     return f"{sizes}{wall}, {block_options.restitution_text}, {motion}, {scaled}{floor}"
 

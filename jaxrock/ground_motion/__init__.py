@@ -12,6 +12,7 @@ from .files import (
 )
 from .files import list_suffixes as list_suffixes
 from .floor import FLOOR_DAMPING as FLOOR_DAMPING
+from .floor import FLOOR_PERIOD as FLOOR_PERIOD
 from .floor import Floor
 from .floor import choose_floor_step as choose_floor_step
 from .floor_variants import vary_floor as vary_floor
@@ -26,7 +27,6 @@ from .pulses import check_pulse_class as check_pulse_class
 from .record import Record
 from .reversal import REVERSED as REVERSED
 from .reversal import average_directions as average_directions
-from .reversal import split_directions as split_directions
 from .still import Still
 from .suite import Suite
 from .suite import require_positive_measures as require_positive_measures

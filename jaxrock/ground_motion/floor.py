@@ -48,6 +48,8 @@ _NEGLIGIBLE = 1e-3
 # Part of the peak that straight lines between samples may miss without a warning.
 _MISSED = 0.03
 FLOOR_DAMPING = 0.05  # of a floor of which it is not given
+# No floor of a building swings more slowly: a longer period was given in another unit.
+FLOOR_PERIOD = Domain("from 0 to 20, in s", lambda x: (x >= 0) & (x <= 20), 0.5)
 # Samples of a floor in a period, where nobody gives a time step: lines miss 0.5 % of it.
 _SAMPLES_OF_PERIOD = 30
 # A time step that is given may be rounded.

@@ -17,11 +17,6 @@ def reverse_record(record: Record) -> Record:
     return eqx.tree_at(lambda record: record.acceleration, record, reverse)
 
 
-def split_directions(values: AnyArray, directions: int) -> list[AnyArray]:
-    """Split values of shape (records, ...) of a suite by the directions of its records."""
-    return list(values.reshape(directions, -1, *values.shape[1:]))
-
-
 def average_directions(values: AnyArray, directions: int) -> AnyArray:
     """Average values of shape (records, ...) of a suite over the directions of each record."""
     if directions == 1:

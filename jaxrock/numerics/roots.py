@@ -65,7 +65,6 @@ def refine_brackets(
     traced: bool,
     alone: bool = False,
     tolerance: float | None = None,
-    lanes: int = _LANES,
 ) -> SignChanges:
     """Refine each bracket until it is as narrow as a tolerance.
 
@@ -83,8 +82,6 @@ def refine_brackets(
         [-]. With a tolerance brackets are bisected: of several sign changes in one the same is
         found whatever the tolerance is. By default, and at least, as rounding allows: the ends
         are neighbours.
-    lanes : int
-        Number of values that take about as long as one, of concrete brackets.
 
     Returns
     -------
@@ -116,7 +113,7 @@ def refine_brackets(
                 leaves, structure = jax.tree.flatten(iterate)
                 selected = jax.tree.unflatten(structure, [leaf[wide] for leaf in leaves])
                 # Few values take as long as a batch of them, so that all of it is used.
-                parts = lanes // wide.size
+                parts = _LANES // wide.size
                 case = pairs.case[wide]
                 bisections = selected.count_bisections()
                 if alone:

@@ -13,11 +13,13 @@ from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..ground_motion import MEASURES
 from ..risk import (
     MISSES,
     NOT_KNOWN,
-    describe_end_of_hazard,
+    describe_end,
     describe_place,
     describe_years,
     name_records,
@@ -76,14 +78,13 @@ def write_inventory_page(
         "measure": measure,
         "unit": unit,
     }
-    levels = zip(dataset.level.values, dataset.return_period.values, strict=True)
+    levels = zip(dataset.written.values, dataset.return_period.values, strict=True)
     elements = {
         "actions": _write_rows(dataset, _describe_action),
         "pictures": "\n".join(map(_write_picture, pictures)),
         "objects": _write_rows(dataset, _describe_object),
         "levels": "".join(
-            f"<th>at {level:.3g} {unit}"
-            + (f", {write_years(years)} years</th>" if math.isfinite(years) else "</th>")
+            f"<th>at {html.escape(level)}, {write_years(years)} years</th>"
             for level, years in levels
         ),
         "rates": _write_rows(dataset, _describe_rates),
@@ -131,14 +132,13 @@ def _write_first_sentence(dataset: "xarray.Dataset") -> str:
     doubt = ""
     if unknown:
         listed = ", ".join(unknown[:_FIRST]) + ", ..." * (len(unknown) > _FIRST)
-        doubt = f"Not known of {listed}: {describe_end_of_hazard(dataset)}."
+        doubt = f"Not known of {listed}: {_describe_end(dataset)}."
     if not names:
         every = "it overturns" if dataset.object.size == 1 else "all objects overturn"
         return doubt or f"Nothing needs to be done: {every} at most once in {years} years."
     first = names[:_FIRST]
-    required = above.required_width.values[:_FIRST]
-    widened = (required > above.width.values[:_FIRST]) & (required < math.inf)
-    verb = "Fix or widen" if widened.any() else "Fix"
+    widened = any(str(need).startswith("needs") for need in above.need.values[:_FIRST])
+    verb = "Fix or widen" if widened else "Fix"
     listed = " and ".join(filter(None, [", ".join(first[:-1]), first[-1]]))
     remainder = f"; then {len(names) - _FIRST} more" if len(names) > _FIRST else ""
     which = f"these {_COUNTS[len(first)]}" if len(first) > 1 else "this one"
@@ -148,28 +148,28 @@ def _write_first_sentence(dataset: "xarray.Dataset") -> str:
     return f"{sentence} {doubt}".rstrip()
 
 
+def _describe_end(dataset: "xarray.Dataset") -> str:
+    """Describe why a verdict is not known, and what would make it known."""
+    return describe_end(dataset.attrs["last_rate"], dataset.attrs["target"])
+
+
 def _describe_action(answer: "xarray.Dataset") -> dict[str, str]:
     """Describe what to do about one object."""
     target = float(answer.attrs["target"])
-    required = float(answer.required_width)
     at_low = float(answer.get("rate_at_low_restitution", math.nan))
-    if str(answer.verdict.values) == NOT_KNOWN:
-        action = f"not known: {describe_end_of_hazard(answer)}"
-    elif str(answer.verdict.values) != MISSES:
+    verdict = str(answer.verdict.values)
+    need = str(answer.need.values)
+    if verdict == NOT_KNOWN:
+        action = f"not known: {_describe_end(answer)}"
+    elif verdict != MISSES:
         action = "nothing: it meets the target"
         if at_low > target:
             action = "measure its restitution: with a low one it misses the target"
-    elif math.isnan(required):
-        action = f"fix it: {answer.need.values}, since {describe_end_of_hazard(answer)}"
-    elif math.isinf(required):
-        action = "fix it: widening alone does not help"
-    elif required > float(answer.width):
-        action = f"fix it, or widen it to {round_width_up(required):.2f} m"
+    elif need.startswith("needs"):
+        action = f"fix it, or widen it to {need.removeprefix('needs ')}"
     else:
-        action = (
-            "fix it, or measure its restitution, whose uncertainty makes it miss the target"
-        )
-    if str(answer.verdict.values) == MISSES and at_low <= target:
+        action = "fix it" if need == MISSES else f"fix it: {need}"
+    if verdict == MISSES and at_low <= target:
         action += f", unless C is {float(answer.low_restitution):.2f} or less"
     size = f"{float(answer.width):.4g} {_TIMES} {float(answer.height):.4g} m"
     return {"size": size, "rate": describe_years(answer, " years"), "words": action}
@@ -180,9 +180,10 @@ def _describe_object(answer: "xarray.Dataset") -> dict[str, str]:
     coefficient = float(answer.coefficient_of_variation)
     notes = [f"{100 * coefficient:.0f} %"] * bool(coefficient)
     notes += [f"{name_theory(answer)}, assumed"] * bool(answer.restitution_assumed)
-    important = str(answer.most_important.values)
-    if important in answer.parameter.values:
-        important += f" ({float(answer.elasticity.sel(parameter=important)):+.1f})"
+    important = _DASH
+    if "elasticity" in answer and np.isfinite(answer.elasticity).any():
+        most = answer.elasticity[int(np.nanargmax(abs(answer.elasticity)))]
+        important = f"{most.parameter.values} ({float(most):+.1f})"
     return {
         "size": f"{float(answer.width):.4g} {_TIMES} {float(answer.height):.4g}",
         "words": describe_place(answer) or "free",
@@ -210,7 +211,7 @@ def _describe_rates(answer: "xarray.Dataset") -> dict[str, str]:
         low = f"{1e4 * float(answer.rate_at_low_restitution):.3g}"
         low += _bracket(f"{float(answer.low_restitution):.3f}")
     need = str(answer.need.values)
-    if need == "suffices" and math.isfinite(float(answer.required_width)):
+    if need == "suffices" and math.isfinite(float(answer.get("required_width", math.nan))):
         bound = "≤ " * bool(answer.required_width_is_bound)
         need += f" ({bound}{round_width_up(float(answer.required_width)):.2f} m)"
     rate = f"{1e4 * float(answer.rate):.3g} ± {1e4 * float(answer.standard_error):.2g}"
@@ -243,17 +244,11 @@ def name_theory(assessed: "xarray.Dataset") -> str:
 def list_remarks(dataset: "xarray.Dataset") -> list[str]:
     """List what is exceptional about objects: a remark on several once, with their names."""
     names_by_remark: dict[str, list[str]] = {}
-    reasons = []
     for k, name in enumerate(dataset.object.values.tolist()):
         answer = dataset.isel(object=k)
         remarks = str(answer.remark.values).split("; ")
         if str(answer.verdict.values) == NOT_KNOWN:
-            remarks.append(
-                f"not known whether it meets the target: {describe_end_of_hazard(dataset)}"
-            )
+            remarks.append(f"not known whether it meets the target: {_describe_end(dataset)}")
         for remark in filter(None, remarks):
             names_by_remark.setdefault(remark, []).append(name)
-        if math.isinf(float(answer.required_width)):
-            reasons.append(f"{name}: {answer.required_width_reason.values}")
-    remarks = [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]
-    return [*reasons, *remarks]
+    return [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]

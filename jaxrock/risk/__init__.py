@@ -1,24 +1,23 @@
 """Risk at a site: fragility curves, rates of overturning, and sizes that meet a target rate."""
 
-from .example_inventory import EXAMPLE_FILES as EXAMPLE_FILES
-from .example_inventory import read_example_inventory as read_example_inventory
-from .example_inventory import write_example_inventory as write_example_inventory
-from .exceedance import name_thresholds as name_thresholds
 from .fragility_curves import fragility
+from .fragility_curves import name_thresholds as name_thresholds
 from .hazard import Hazard
+from .hazard import describe_end as describe_end
 from .hazard import write_years as write_years
 from .hazard_files import read_hazard
 from .inventory import Inventory
 from .inventory_assessment import assess_inventory
 from .inventory_dataset import MISSES as MISSES
 from .inventory_dataset import NOT_KNOWN as NOT_KNOWN
-from .inventory_dataset import describe_end_of_hazard as describe_end_of_hazard
 from .inventory_dataset import describe_place as describe_place
-from .inventory_dataset import describe_required_width as describe_required_width
 from .inventory_dataset import describe_years as describe_years
 from .inventory_dataset import name_records as name_records
 from .inventory_dataset import round_width_up as round_width_up
+from .inventory_files import EXAMPLE_FILES as EXAMPLE_FILES
+from .inventory_files import read_example_inventory as read_example_inventory
 from .inventory_files import read_inventory
+from .inventory_files import write_example_inventory as write_example_inventory
 from .lognormal import LognormalFit as LognormalFit
 from .overturning_rate import OverturningRate, overturning_rate
 from .rate_elasticities import RateElasticities, rate_elasticities

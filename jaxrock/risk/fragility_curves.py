@@ -1,6 +1,6 @@
 """Fragility: probabilities of exceeding thresholds under a suite, over the intensity."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,7 +8,8 @@ import numpy as np
 from ..block import Block, size_of
 from ..grids import describe_axis
 from ..ground_motion import MEASURES, Suite, describe_suite
-from ..host import add_names, make_dataset
+from ..host import Labelled, add_names, make_dataset
+from ..numerics import bound_probabilities
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..sensitivity import Uncertain
 from ..validation import (
@@ -17,65 +18,44 @@ from ..validation import (
     Numbers,
     as_name,
     as_real,
+    as_text,
     check,
     check_kind,
 )
-from .exceedance import (
-    NAMED_THRESHOLDS,
-    Threshold,
-    compute_curve,
-    describe_variable,
-    name_thresholds,
-)
-from .objects import Objects, gather_objects
+from .hazard import check_levels
+from .lognormal import fit_lognormal
+from .objects import gather_objects
 from .response_table import simulate_responses
-from .site import check_levels, require_single_scales
+from .site import require_single_scales
 
 if TYPE_CHECKING:
     import xarray
 
+Threshold = float | int | str
+# Rotation ratios beyond which a response exceeds a threshold that has a name. Whatever
+# overturns exceeds all of them.
+NAMED_THRESHOLDS: dict[Threshold, float] = {"uplift": 0.0, "overturning": np.inf}
+_CONFIDENCE = 0.95  # of the intervals
+OF_MEASURE = "measure"  # a variable in the unit of the measure
 _OF_LEVELS = "object threshold level"
 _OF_CURVES = "object threshold"
 _OF_RESPONSES = "record object sample level"
 _DISPERSION = "standard deviation of ln(level)"
-# Dimensions, as they are computed, long name and unit of each variable; without a unit, it has
-# the one of the measure, or none.
+# Dimensions, as they are computed, long name and unit of each variable.
 _VARIABLES: dict[str, tuple[str, str, str]] = {
     "exceedance": (_OF_LEVELS, "probability of exceedance", "1"),
     "exceedance_low": (_OF_LEVELS, "lower limit of the Clopper-Pearson interval", "1"),
     "exceedance_high": (_OF_LEVELS, "upper limit of the Clopper-Pearson interval", "1"),
     "lognormal": (_OF_LEVELS, "maximum-likelihood lognormal fragility curve", "1"),
-    "lognormal_median": (_OF_CURVES, "median of the lognormal curve", ""),
+    "lognormal_median": (_OF_CURVES, "median of the lognormal curve", OF_MEASURE),
     "lognormal_dispersion": (_OF_CURVES, f"{_DISPERSION} of that curve", "1"),
     "remark": (_OF_CURVES, "remark on the lognormal curve", ""),
-    "dispersion_of_records": (_OF_CURVES, f"{_DISPERSION} due to the records", "1"),
-    "dispersion_of_parameters": (
-        _OF_CURVES,
-        f"{_DISPERSION} due to uncertain parameters",
-        "1",
-    ),
-    "fraction_within_tolerance": (
-        "object level",
-        "fraction of responses within the tolerance",
-        "1",
-    ),
-    "factor": (_OF_RESPONSES, "factor on the record", "1"),
     "rotation_ratio": (_OF_RESPONSES, "peak rotation over critical angle", "1"),
-    "peak_rotation": (_OF_RESPONSES, "peak rotation", "rad"),
     "overturned": (_OF_RESPONSES, "1 where the block overturns", "1"),
-    "margin": (_OF_RESPONSES, "margin at the end of the input, overturns below 0", "1"),
-    "impacts": (_OF_RESPONSES, "number of impacts", "1"),
-    "error": (_OF_RESPONSES, "upper bound of the relative error of the peak rotation", "1"),
-    "within_tolerance": (_OF_RESPONSES, "1 where the error is within the tolerance", "1"),
-    "boundary_sums": (
-        "record object sample threshold power",
-        "sums of ln(level)^k where exceedance begins, minus where it ends, for k = 0, 1, 2",
-        "1",
-    ),
 }
 
 
-def fragility(  # noqa: PLR0913
+def fragility(
     block: Block,
     restitution: Number,
     suite: Suite,
@@ -84,10 +64,7 @@ def fragility(  # noqa: PLR0913
     thresholds: Sequence[Threshold] = ("uplift", 0.5, 1.0, "overturning"),
     *,
     uncertain: Uncertain | None = None,
-    tolerance: float = 1e-3,
-    confidence: float = 0.95,
     model: ModelLike = Nonlinear(),
-    names: Sequence[str] | None = None,
 ) -> "xarray.Dataset":
     """Compute fragility curves: probabilities of exceeding thresholds under a suite.
 
@@ -110,19 +87,13 @@ def fragility(  # noqa: PLR0913
         Coefficients of variation of sizes, of the ``inertia_ratio``, ``gravity`` and
         ``restitution``, of ``floor_period`` and ``floor_damping`` under a suite on a floor, and
         the samples to draw. Records, levels and blocks share the samples.
-    tolerance : float
-        Relative error of peak rotations; see `respond_within`.
-    confidence : float
-        Confidence level of the intervals, between 0 and 1.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
-    names : sequence of str, optional
-        Names of the blocks; ``"1"``, ``"2"``, ... by default.
 
     Returns
     -------
     xarray.Dataset
-        Many blocks add the leading dimension ``object`` to all variables.
+        Many blocks add the leading dimension ``object`` to all variables, from 1 on.
 
         - Over level and threshold: ``exceedance``, the probability of exceedance, counted over
           the records, with its Clopper-Pearson interval ``exceedance_low`` to
@@ -130,19 +101,15 @@ def fragility(  # noqa: PLR0913
           Both assume independent records, and take the mean of both directions of a record
           where the suite has both.
         - Over threshold: ``lognormal_median``, ``lognormal_dispersion``, and a ``remark``,
-          which says where the curve does not fit, since overturning is not monotone in the
+          which says where the probability decreases, since overturning is not monotone in the
           level. The curve is fitted to the levels at which each record begins or ceases to
-          exceed the threshold: exact for uplift, and located between two levels for others.
-        - Over level: ``fraction_within_tolerance``. The other responses are chaotic.
-        - Over record and level: every response, and the factor on the record. Over record and
-          threshold: ``boundary_sums``, the numbers to which the curve is fitted.
+          exceed the threshold, located between the levels.
+        - Over record and level: the ``rotation_ratio``, and whether the block ``overturned``.
 
         With `uncertain` the responses have the dimension ``sample`` as well, and the
         probabilities are averaged over samples and records. The intervals treat the records as
         the independent units, each with the fraction of its samples that exceed the threshold.
-        They cover both kinds of uncertainty. Two variables over threshold split the dispersion:
-        ``dispersion_of_records`` is the root mean square of the dispersions of single samples,
-        ``dispersion_of_parameters`` the standard deviation of the logarithms of their medians.
+        They cover both kinds of uncertainty.
 
     Raises
     ------
@@ -159,107 +126,156 @@ def fragility(  # noqa: PLR0913
     [0. 1.]
     """
     check_kind("suite", suite, Suite)
-    objects = gather_objects(block, restitution, names)
+    objects = gather_objects(block, restitution)
+    block, coefficient = objects
     require_single_scales(suite)
-    if not isinstance(confidence, float | int) or not 0 < confidence < 1:
-        raise ValueError(
-            f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
-        )
-    check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     threshold_names = name_thresholds(thresholds)
     limits = np.array([float(NAMED_THRESHOLDS.get(value, value)) for value in thresholds])
     model = as_model(model)
     measure = as_name("measure", measure, MEASURES)
     if levels is None:
-        levels = _choose_levels(objects.block, measure)
+        levels = _choose_levels(block, measure)
     check_levels("levels", levels)
     levels = np.asarray(levels, float)
-    if uncertain is not None:
-        check_kind("uncertain", uncertain, Uncertain)
-    table = simulate_responses(objects, suite, levels, measure, uncertain, tolerance, model)
-    sums = table.sum_boundaries(limits)
-    # The directions of a record count as one record, by their mean.
-    counts = table.exceed(limits).sum(axis=0) / suite.directions
-    powers = sums.sum(axis=0) / suite.directions
+    table = simulate_responses(objects, suite, levels, measure, uncertain, model)
+    # The directions of a record count as one record, by their mean; samples by theirs.
+    counts = table.exceed(limits).mean(axis=2).sum(axis=0) / suite.directions
+    owner, limit, boundary, sign = table.locate_boundaries(limits)
+    weight = sign / (table.rotation_ratio.shape[2] * suite.directions)
+
+    def compute_curve(k: int, t: int) -> dict[str, np.ndarray | float | str]:
+        """Compute the curve of an object and a threshold, by their numbers."""
+        own = (owner == k) & (limit == t)
+        parts = (counts[k, t], boundary[own], weight[own])
+        return _compute_curve(*parts, levels, suite.recordings)
+
     curves = [
-        [
-            compute_curve(
-                counts[k, :, t],
-                powers[k, :, t],
-                threshold == "uplift",
-                levels,
-                suite.recordings,
-                confidence,
-            )
-            for t, threshold in enumerate(threshold_names)
-        ]
-        for k in range(objects.number)
+        [compute_curve(k, t) for t in range(limits.size)] for k in range(coefficient.size)
     ]
-    values = table.list_responses() | {"boundary_sums": sums}
-    values["fraction_within_tolerance"] = values["within_tolerance"].mean(axis=(0, 2))
+    # Files have no booleans.
+    overturned = np.asarray(table.response.overturned).astype(np.int8)
+    values = {"rotation_ratio": table.rotation_ratio, "overturned": overturned}
     for name in curves[0][0]:
         values[name] = np.array([[curve[name] for curve in row] for row in curves])
     long_name, unit, _ = MEASURES[measure]
-    variables = {
-        name: (dims.split(), values[name], describe_variable(words, units or unit))
-        for name, (dims, words, units) in _VARIABLES.items()
-    }
-    del variables["remark"][2]["units"]
+    variables = label_variables(_VARIABLES, values, unit)
+    samples = np.arange(1 if uncertain is None else uncertain.samples)
     coordinates = {
-        "sample": ("sample", np.arange(counts.shape[1]), describe_axis("sample")),
+        "sample": ("sample", samples, describe_axis("sample")),
         "level": ("level", levels, describe_variable(long_name, unit)),
     }
+    parameters = {**size_of(block, "shape"), "restitution": coefficient}
     attributes = {
         "model": model.name,
-        **_describe_objects(objects, uncertain),
+        **{name: np.asarray(value, float).tolist() for name, value in parameters.items()},
+        **({"one_sided": 1} if block.one_sided else {}),
+        **({} if uncertain is None else {"uncertain": str(uncertain)}),
         "measure": measure,
         "records": suite.recordings,
         **describe_suite(suite),
-        "tolerance": tolerance,
-        "confidence": confidence,
+        "confidence": _CONFIDENCE,
     }
     dataset = make_dataset("Fragility", variables, coordinates, attributes)
     dataset = add_names(
         dataset,
-        object=(objects.names or ["1"], "object"),
+        object=([str(k + 1) for k in range(coefficient.size)], "object"),
         record=(suite.names, "ground motion"),
         threshold=(threshold_names, "threshold"),
-    ).transpose("object", "record", "sample", "level", "threshold", "power")
+    ).transpose("object", "record", "sample", "level", "threshold")
     # A single block has no axis of objects; without uncertainty there is none of samples.
     if uncertain is None:
         dataset = dataset.isel(sample=0, drop=True)
-        dataset = dataset.drop_vars(["dispersion_of_records", "dispersion_of_parameters"])
-    return dataset if objects.shape else dataset.isel(object=0, drop=True)
+    return dataset if coefficient.ndim else dataset.isel(object=0, drop=True)
 
 
 def _choose_levels(block: Block, measure: str) -> np.ndarray:
     """Choose levels around the intensities that lift and overturn blocks of these sizes."""
-    uplift = block.gravity / block.slenderness
-    if measure.startswith("pga"):
-        unit = 1.0 if measure == "pga_ratio" else uplift
-        low = 0.5
-        high = 16.0
-    else:
+    by_acceleration = measure.startswith("pga")
+    low, high = (0.5, 16.0) if by_acceleration else (0.1, 3.0)
+    unit = block.gravity / block.slenderness
+    if measure.endswith("ratio"):
+        unit = np.ones(1)
+    elif not by_acceleration:
         # Velocities scale with 1 / p: it takes a faster ground to overturn a larger block.
-        unit = 1.0 if measure == "pgv_ratio" else uplift / block.frequency_parameter
-        low = 0.1
-        high = 3.0
+        unit = unit / block.frequency_parameter
     smallest = np.min(unit)
     return smallest * np.geomspace(low, high * np.max(unit) / smallest, 25)
 
 
-def _describe_objects(objects: Objects, uncertain: Uncertain | None) -> dict[str, object]:
-    """Collect parameters, coefficients of variation and correlations as attributes."""
-    parameters = {**size_of(objects.block, "shape"), "restitution": objects.restitution}
-    attributes: dict[str, object] = {
-        name: np.asarray(value, float).tolist() for name, value in parameters.items()
+def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
+    """Name the thresholds; a `ValueError` if they are not allowed."""
+    names = []
+    for threshold in map(as_text, thresholds):
+        if isinstance(threshold, str):
+            names.append(as_name("thresholds", threshold, map(str, NAMED_THRESHOLDS)))
+        else:
+            check("thresholds", as_real("thresholds", threshold), POSITIVE)
+            names.append(f"{float(threshold):g}")
+    if len(set(names)) < max(len(names), 1):
+        listed = ", ".join(names) or "none"
+        raise ValueError(f"thresholds must be at least one, each only once, got {listed}")
+    return names
+
+
+def label_variables(
+    descriptions: Mapping[str, tuple[str, str, str]],
+    values: Mapping[str, np.ndarray],
+    measure_unit: str,
+) -> dict[str, Labelled]:
+    """Label values by dimensions, long name and unit; "" for none."""
+    labelled = {}
+    for name, array in values.items():
+        dims, long_name, unit = descriptions[name]
+        unit = measure_unit if unit == OF_MEASURE else unit
+        labelled[name] = (dims.split(), array, describe_variable(long_name, unit))
+    return labelled
+
+
+def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
+    """Make the attributes of a variable, with its unit, if any, as CF writes it."""
+    units = units.replace("m/s2", "m s-2").replace("m/s", "m s-1")
+    return {"long_name": long_name} | ({"units": units} if units else {})
+
+
+def _compute_curve(
+    counts: np.ndarray,
+    boundaries: np.ndarray,
+    weights: np.ndarray,
+    levels: np.ndarray,
+    records: int,
+) -> dict[str, np.ndarray | float | str]:
+    """Compute the variables of one threshold: counted and fitted probabilities.
+
+    Parameters
+    ----------
+    counts : ndarray, shape (levels,)
+        Numbers of records under which it is exceeded. They need not be whole.
+    boundaries, weights : ndarray, shape (boundaries,)
+        See `fit_lognormal`.
+    levels : ndarray, shape (levels,)
+    records : int
+        Number of independent records.
+    """
+    # A record counts by the fraction of its samples, whose variance is smaller than that of a
+    # single outcome with the same mean: the interval is too wide, never too narrow.
+    low, high = bound_probabilities(counts, records, _CONFIDENCE)
+    curve = fit_lognormal(boundaries, weights, counts[0], records - counts[-1], levels)
+    fitted = curve.at(levels)
+    remarks = [curve.remark]
+    if curve.median != curve.median_within(levels) and curve.median > 0:
+        remarks.append("the median lies outside of the levels")
+    # Counts need not increase with the level: a block that a record overturns may survive the
+    # same record made stronger. A lognormal curve hides that, so the remark says it.
+    falls = int((np.diff(counts) < 0).sum())
+    if falls:
+        places = f"{falls} level{'s' * (falls > 1)}"
+        remarks.append(f"at {places} fewer records exceed it than at the next lower level")
+    return {
+        "exceedance": counts / records,
+        "exceedance_low": low,
+        "exceedance_high": high,
+        "lognormal": fitted,
+        "lognormal_median": curve.median,
+        "lognormal_dispersion": curve.dispersion,
+        "remark": "; ".join(filter(None, remarks)),
     }
-    if objects.block.one_sided:
-        attributes["one_sided"] = 1
-    if uncertain is not None:
-        for name, value in uncertain.coefficients_of_variation.items():
-            attributes[f"coefficient_of_variation_of_{name}"] = np.asarray(value).tolist()
-        for (first, second), value in uncertain.correlations.items():
-            attributes[f"correlation_of_{first}_and_{second}"] = value
-        attributes |= {"samples": uncertain.samples, "seed": uncertain.seed}
-    return attributes

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..host import Printed
+from ..tables import parse_unit
 from ..validation import (
     NON_NEGATIVE,
     POSITIVE,
@@ -19,6 +20,8 @@ from ..validation import (
     as_name,
     as_real,
     as_text,
+    check,
+    check_increasing,
     is_traced,
     quantity,
 )
@@ -51,21 +54,22 @@ class Hazard(Printed, Checked):
     levels : array_like, shape (n,)
         Increasing levels of the measure, greater than 0 [m/s2 or m/s].
     rates : array_like, shape (n,)
-        Rates of exceedance [1/yr], not increasing; at least the first two are greater than 0,
-        and the last one is less than the first.
+        Rates of exceedance [1/yr], not increasing; at least the first two are greater than 0.
     measure : {"pgv", "pga"}, optional
         The intensity measure of the curve; functions that take the curve refuse any other
         measure.
     statistic : str, optional
         Statistic over the logic tree, or part of the hazard, where it is known: "mean",
         "max", "quantile-0.85", "rlz-000", "source FAULT" and so on. It is printed.
+    unit : str, optional
+        Unit in which levels are printed, such as "g"; it changes no number.
 
     Raises
     ------
     ValueError
         If the measure is unknown, if there are less than two points or not as many rates as
         levels, if a value is out of range, if the levels do not increase, or if the rates
-        rise or never fall.
+        rise.
 
     Examples
     --------
@@ -79,6 +83,7 @@ class Hazard(Printed, Checked):
     rates: Reals = quantity(NON_NEGATIVE)
     measure: str | None = eqx.field(static=True, default=None)
     statistic: str = eqx.field(static=True, default="")
+    unit: str = eqx.field(static=True, default="")
 
     _reader: ClassVar[str] = "read_hazard"  # for messages, as in `check_kind`
 
@@ -88,47 +93,46 @@ class Hazard(Printed, Checked):
         rates: Numbers,
         measure: str | None = None,
         statistic: str = "",
+        unit: str = "",
     ):
         self.measure = as_hazard_measure(measure)
         self.statistic = as_text(statistic)
-        self.levels = as_field(Hazard, "levels", levels)
+        self.unit = as_text(unit)
+        self.levels = check_levels("levels", as_field(Hazard, "levels", levels), 2)
         self.rates = as_field(Hazard, "rates", rates)
         shape = self.levels.shape
-        of_rates = self.rates.shape
-        if len(shape) != 1 or shape[0] < 2:
+        if self.rates.shape != shape:
             raise ValueError(
-                "levels must be one-dimensional, of at least two values,"
-                f" got an array of shape {shape}"
-            )
-        if of_rates != shape:
-            raise ValueError(
-                f"rates must have as many values as levels, {shape[0]}, got shape {of_rates}"
+                f"rates must have as many values as levels, {shape[0]}, got shape"
+                f" {self.rates.shape}"
             )
         self.check()
-        _check_order(self.levels, self.rates)
         if not is_traced(self.rates):
-            of_rates = np.asarray(self.rates)
-            second = of_rates[1]
-            if second < np.finfo(of_rates.dtype).tiny:
-                counts = f", which counts as 0 in {of_rates.dtype}" if second else ""
+            values = np.asarray(self.rates)
+            for k in np.flatnonzero(np.diff(values) > 0):
+                raise ValueError(
+                    "rates must not rise with the level, got"
+                    f" {values[k + 1]:.6g} after {values[k]:.6g}"
+                )
+            second = values[1]
+            if second < np.finfo(values.dtype).tiny:
+                counts = f", which counts as 0 in {values.dtype}" if second else ""
                 raise ValueError(
                     f"the first two rates must be greater than 0, got {second:.6g}{counts}"
-                )
-            if of_rates[0] == of_rates[-1]:
-                raise ValueError(
-                    f"rates must fall with the level, got {of_rates[0]:.6g} at all levels"
                 )
 
     def __str__(self) -> str:
         last = len(self.levels) - 1 if is_traced(self.rates) else find_last_point(self)
-        low, high = self.levels[::last][:2]
+        low, high = (self.write_level(level) for level in self.levels[::last][:2])
         often, seldom = self.rates[::last][:2]
         of = f" of {self.measure}" if self.measure else ""
-        statistic = f"{self.statistic} " if self.statistic else ""
-        return (
-            f"{statistic}hazard{of} from {often:.4g} 1/yr at {low:.4g}"
-            f" to {seldom:.4g} 1/yr at {high:.4g}"
-        )
+        ends = f"from {often:.4g} 1/yr at {low} to {seldom:.4g} 1/yr at {high}"
+        return f"{self.statistic} hazard{of} {ends}".lstrip()
+
+    def write_level(self, level: Number, unit: str = "") -> str:
+        """Write a level in the unit in which the curve was read, or else in a unit in SI."""
+        factor = parse_unit(self.unit).factor if self.unit else 1.0
+        return f"{level / factor:.4g} {self.unit or unit}".rstrip()
 
     def __call__(self, level: Number) -> Reals:
         """Interpolate the rate of exceedance.
@@ -154,45 +158,33 @@ def find_last_point(hazard: Hazard) -> int:
     return min(int(np.count_nonzero(positive)), len(rates) - 1)
 
 
-def compute_return_periods(hazard: Hazard, levels: np.ndarray) -> np.ndarray:
-    """Compute return periods of levels [yr]: inf at a rate of 0, NaN outside of the curve."""
-    low, high = np.asarray(hazard.levels)[[0, -1]]
-    # Levels that were found from the rates at the ends are outside by rounding.
-    near = np.clip(levels, low, high)
-    inside = np.isclose(near, levels, rtol=1e-6, atol=0)
-    with np.errstate(divide="ignore"):
-        periods = 1 / np.asarray(hazard(near.astype(low.dtype)))
-    return np.where(inside, periods, np.nan)
-
-
 def write_years(years: float) -> str:
     """Write a number of years with separators of thousands: 2,475, or 0.5."""
     return f"{years:,.0f}" if years >= 10 else f"{years:.3g}"
 
 
 def describe_end(last_rate: float, target: float) -> str:
-    """Describe where a hazard ends that ends before a target, and what would help."""
+    """Describe why it is not known whether a rate meets a target, and what would help."""
+    if last_rate <= target:
+        return "what was not detected may carry the rate across the target"
     return (
         f"the hazard ends at once in {write_years(1 / last_rate)} years; continue it to"
         f" {write_years(_REACH / target)} or ask for a target above it"
     )
 
 
-def _check_order(levels: Reals, rates: Reals) -> None:
-    """Raise a `ValueError` if levels do not increase, or rates rise.
-
-    Steps of traced curves cannot be looked at: these are taken as they are.
-    """
-    if not is_traced(levels):
-        _refuse_steps("levels must increase", np.asarray(levels), np.less_equal)
-    if not is_traced(rates):
-        _refuse_steps("rates must not rise with the level", np.asarray(rates), np.greater)
-
-
-def _refuse_steps(rule: str, values: np.ndarray, breaks: np.ufunc) -> None:
-    """Raise a `ValueError` that names the first value that breaks a rule after the one before."""
-    for k in np.flatnonzero(breaks(values[1:], values[:-1])):
-        raise ValueError(f"{rule}, got {values[k + 1]:.6g} after {values[k]:.6g}")
+def check_levels(name: str, levels: Numbers, least: int = 1) -> Reals:
+    """Return levels as an array; a `ValueError` if they do not increase, or are too few."""
+    places = as_real(name, levels)
+    check(name, places, POSITIVE)
+    if places.ndim != 1 or len(places) < least:
+        values = "two values" if least > 1 else "one value"
+        raise ValueError(
+            f"{name} must be one-dimensional, of at least {values}, got an array of shape"
+            f" {places.shape}"
+        )
+    check_increasing(name, places)
+    return places
 
 
 @jax.jit

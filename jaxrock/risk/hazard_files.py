@@ -115,7 +115,7 @@ def read_hazard(
         curve = _read_levels(table, measure, given, as_text(statistic) or "")
     try:
         levels, rates = _convert(curve)
-        return Hazard(levels, rates, curve.measure, curve.statistic)
+        return Hazard(levels, rates, curve.measure, curve.statistic, curve.unit)
     except ValueError as error:
         raise text.error(str(error)) from None
 
@@ -168,22 +168,22 @@ def _read_levels(
     measure = measure or _MEASURES[names[level]]
     if not measure:
         raise table.error(f"measure must be given, 'pga' or 'pgv', since {label} states none")
-    if not (head.unit or unit):
+    stated = head.unit or unit
+    if not stated:
         example = CONVENTIONS[measure]
         raise table.error(
             f"unit must be given, such as {example!r}, since {label} states none"
         )
     if head.unit and unit and head.unit[1:] != unit[1:]:
         raise table.error(f"unit is {unit.spelling!r}, but the head states {label}")
-    table.heads[level] = head._replace(unit=head.unit or unit)
+    table.heads[level] = head._replace(unit=stated)
     kind, years = _find_frequency(names[frequency]) or ("", 0.0)
     if kind == "probability" and not table.heads[frequency].unit:
         raise table.error(f"write {names[frequency]!r} with [%], or [-] for a fraction")
     columns = {names[level]: _LEVELS[measure], names[frequency]: _FREQUENCIES[kind]}
     values = read_columns(table, columns).values
-    return Curve(
-        measure, statistic, values[names[level]], kind, values[names[frequency]], years
-    )
+    rows = (values[names[level]], kind, values[names[frequency]], years)
+    return Curve(measure, statistic, *rows, stated.spelling)
 
 
 def _choose_column(table: Table, columns: Sequence[int], what: str) -> int:

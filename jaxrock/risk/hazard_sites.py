@@ -36,7 +36,8 @@ class Curve(NamedTuple):
     levels: np.ndarray
     kind: str
     values: np.ndarray
-    years: float = 1.0
+    years: float
+    unit: str
 
 
 def has_sites(heads: Sequence[Head]) -> bool:
@@ -79,7 +80,8 @@ def read_site(
     row = _choose_row(table, site, [names.index("lon"), names.index("lat")])
     values = np.array([table.require_number(row, k) for k in places])
     kind = "probability" if is_openquake else "rate"
-    return Curve(measure, statistic, convention.factor * np.array(levels), kind, values, years)
+    in_si = convention.factor * np.array(levels)
+    return Curve(measure, statistic, in_si, kind, values, years, convention.spelling)
 
 
 def _list_names(heads: Sequence[Head]) -> list[str]:

@@ -1,6 +1,7 @@
 """Objects to be protected: their names, sizes and impacts, and where they stand."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,12 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block, block_of, size_of
-from ..ground_motion import FLOOR_DAMPING
-from ..host import Printed, format_table
+from ..ground_motion import FLOOR_DAMPING, FLOOR_PERIOD
+from ..host import Printed
 from ..sensitivity import Uncertain
 from ..validation import (
-    NON_NEGATIVE,
+    FINITE,
     UNIT_INTERVAL,
+    Booleans,
     Domain,
     Numbers,
     Reals,
@@ -23,7 +25,7 @@ from ..validation import (
     check_kind,
     describe,
 )
-from .objects import Objects, gather_objects
+from .objects import gather_objects
 
 
 class Inventory(Printed, eqx.Module):
@@ -39,19 +41,19 @@ class Inventory(Printed, eqx.Module):
         C [-], between 0 and 1; one, or one for each object. For a one-sided object it may be
         negative; its magnitude counts.
     uncertain : Uncertain, optional
-        Uncertain parameters, with one coefficient of variation for all objects or one for
-        each.
+        Uncertain parameters of the objects, with one coefficient of variation for all or one
+        for each.
     remarks : sequence of str, optional
         What is exceptional about each object.
     one_sided : bool or sequence of bool, optional
         Whether an object stands against a wall; see `Block`. One value, or one for each
         object; by default that of the block.
     floor_period : array_like
-        Period of the floor on which an object stands [s], finite and at least 0: 0 is the
-        ground floor, which moves with the ground. One, or one for each object.
-    floor_damping : array_like, optional
-        Damping ratio of that floor [-], between 0 and 1; one, or one for each object. It is
-        0.05 by default, and does not count on the ground floor.
+        Period of the floor on which an object stands [s], from 0 to 20: 0 is the ground floor,
+        which moves with the ground. One, or one for each object.
+    floor_damping, floor_participation : array_like
+        Damping ratio of that floor, between 0 and 1, and participation of its mode, finite [-];
+        one, or one for each object. They do not count on the ground floor.
     restitution_assumed : bool or sequence of bool
         Whether the restitution was not given and follows from size; then rates are computed
         for a lower one as well. One, or one for each object.
@@ -61,10 +63,9 @@ class Inventory(Printed, eqx.Module):
     Attributes
     ----------
     block : Block
-        One-sided if all objects are.
-    one_sided, restitution_assumed : tuple of bool
-        One for each object.
-    floor_period, floor_damping : Array, shape (objects,)
+        As if no object stood against a wall; `one_sided` tells which do.
+    one_sided, restitution_assumed : Array of bool, shape (objects,)
+    floor_period, floor_damping, floor_participation : Array, shape (objects,)
     others : tuple of (str, tuple of str)
         A name, and a word for each object.
 
@@ -81,10 +82,7 @@ class Inventory(Printed, eqx.Module):
     >>> width = jnp.array([0.2, 0.3])
     >>> block = jr.Block.from_size(width=width, height=3 * width)
     >>> print(jr.risk.Inventory(["vase", "bust"], block, restitution=0.85))
-    2 objects
-                             width [m]    height [m]   restitution
-    vase                           0.2           0.6          0.85
-    bust                           0.3           0.9          0.85
+    2 objects: vase, bust
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -92,10 +90,11 @@ class Inventory(Printed, eqx.Module):
     restitution: Reals
     uncertain: Uncertain | None = eqx.field(static=True)
     remarks: tuple[str, ...] = eqx.field(static=True)
-    one_sided: tuple[bool, ...] = eqx.field(static=True)
+    one_sided: Booleans
     floor_period: Reals
     floor_damping: Reals
-    restitution_assumed: tuple[bool, ...] = eqx.field(static=True)
+    floor_participation: Reals
+    restitution_assumed: Booleans
     others: tuple[tuple[str, tuple[str, ...]], ...] = eqx.field(static=True)
 
     def __init__(  # noqa: PLR0913
@@ -108,105 +107,71 @@ class Inventory(Printed, eqx.Module):
         *,
         one_sided: bool | Sequence[bool] | None = None,
         floor_period: Numbers = 0.0,
-        floor_damping: Numbers | None = None,
+        floor_damping: Numbers = FLOOR_DAMPING,
+        floor_participation: Numbers = 1.0,
         restitution_assumed: bool | Sequence[bool] = False,
         others: Mapping[str, Sequence[str]] | None = None,
     ):
         check_kind("block", block, Block)
-        kinds = _read_flags("one_sided", block.one_sided if one_sided is None else one_sided)
-        coefficient = as_real("restitution", restitution, unit="")
+        walls = np.asarray(block.one_sided if one_sided is None else one_sided)
         # Of one-sided objects magnitudes are taken; all others have to be positive.
-        objects = gather_objects(_as_kind(block, bool(kinds.any())), coefficient, names)
-        kinds = _give_each("one_sided", kinds, objects.number)
-        check("restitution", np.where(kinds, 0, coefficient), UNIT_INTERVAL)
-        objects = objects._replace(block=_as_kind(objects.block, bool(kinds.all())))
-        period = _read_each("floor_period", floor_period, "s", NON_NEGATIVE, objects.number)
-        if floor_damping is not None and not period.any():
-            raise ValueError(
-                "floor_damping goes with a floor_period greater than 0, got"
-                f" {describe(floor_damping)} without one"
-            )
-        damping = FLOOR_DAMPING if floor_damping is None else floor_damping
-        damping = _read_each("floor_damping", damping, "", UNIT_INTERVAL, objects.number)
+        kind = block_of(size_of(block, "shape"), bool(walls.any()))
+        read = as_real("restitution", restitution, unit="")
+        objects = gather_objects(kind, read)
+        number = objects[1].size
+        self.names = tuple(map(as_text, names))
+        twice = [name for name in self.names if self.names.count(name) > 1]
+        if twice or isinstance(names, str) or objects[1].shape != (len(names),):
+            got = f"{twice[0]!r} twice" if twice else f"{names!r:.60}"
+            raise ValueError(f"names must differ, one for each of {number} objects, got {got}")
+        check(
+            "restitution",
+            np.where(walls, 0, read),
+            UNIT_INTERVAL,
+        )
+        self.block = jax.device_put(block_of(size_of(objects[0], "shape"), False))
+        self.restitution = jnp.asarray(objects[1])
+        columns = {
+            "one_sided": (walls, "", None),
+            "restitution_assumed": (restitution_assumed, "", None),
+            "floor_period": (floor_period, "s", FLOOR_PERIOD),
+            "floor_damping": (floor_damping, "", UNIT_INTERVAL),
+            "floor_participation": (floor_participation, "", FINITE),
+        }
+        for name, (value, unit, domain) in columns.items():
+            column = _read_each(name, value, number, unit, domain)
+            setattr(self, name, jax.device_put(column))
         if uncertain is not None:
-            # What cannot be drawn is refused here, before anything is computed. Whether the
-            # objects are on a floor is known to a site.
-            uncertain.draw(objects.block, objects.restitution, on_floor=True)
-        remarks = [""] * objects.number if remarks is None else remarks
-        others = others or {}
-        for name, words in {"remarks": remarks, **others}.items():
-            if len(words) != objects.number:
-                raise ValueError(
-                    f"{name} must be one for each of {objects.number} objects, got {len(words)}"
-                )
-        self.names = objects.names
-        self.block = jax.device_put(objects.block)
-        self.restitution = jnp.asarray(objects.restitution)
+            # What cannot be drawn is refused here, before anything is computed.
+            uncertain.draw(*objects)
         self.uncertain = uncertain
+        remarks = [""] * number if remarks is None else remarks
+        others = others or {}
+        for name, texts in {"remarks": remarks, **others}.items():
+            if len(texts) != number:
+                raise ValueError(
+                    f"{name} must be one for each of {number} objects, got {len(texts)}"
+                )
         self.remarks = tuple(map(as_text, remarks))
-        self.one_sided = tuple(kinds.tolist())
-        self.floor_period = jax.device_put(period)
-        self.floor_damping = jax.device_put(damping)
-        assumed = _read_flags("restitution_assumed", restitution_assumed)
-        assumed = _give_each("restitution_assumed", assumed, objects.number)
-        self.restitution_assumed = tuple(assumed.tolist())
-        self.others = tuple((name, tuple(words)) for name, words in others.items())
+        self.others = tuple((name, tuple(texts)) for name, texts in others.items())
 
     def __len__(self) -> int:
         return len(self.names)
 
     def __str__(self) -> str:
-        sizes = size_of(self.objects.block, "sides")
-        columns: dict[str, Iterable[object]] = {
-            "width [m]": np.asarray(sizes["width"]),
-            "height [m]": np.asarray(sizes["height"]),
-            "restitution": np.asarray(self.restitution),
-        }
-        if any(self.one_sided):
-            columns["one-sided"] = ["yes" if kind else "no" for kind in self.one_sided]
-        periods = np.asarray(self.floor_period)
-        if periods.any():
-            columns["floor [s]"] = periods
-        first = f"{len(self)} object{'s' * (len(self) > 1)}"
-        table = format_table(first, [name[:19] for name in self.names], **columns)
-        return table if self.uncertain is None else f"{table}\n{self.uncertain}"
-
-    @property
-    def objects(self) -> Objects:
-        """The objects, in NumPy."""
-        block, restitution = jax.tree.map(np.asarray, (self.block, self.restitution))
-        return Objects(block, restitution, restitution.shape, self.names)
-
-
-def _read_flags(name: str, flags: bool | Sequence[bool]) -> np.ndarray:
-    """Read what holds for objects or not; a `ValueError` for anything but True and False."""
-    values = np.asarray(flags)
-    if values.dtype != bool or values.ndim > 1:
-        raise ValueError(
-            f"{name} must be True or False, or one of them for each object, got"
-            f" {describe(flags)}"
-        )
-    return values
-
-
-def _as_kind(block: Block, one_sided: bool) -> Block:
-    """Return a block of the same numbers that is one-sided, or free-standing."""
-    if block.one_sided == one_sided:
-        return block
-    return block_of(size_of(block, "shape"), one_sided)
+        listed = ", ".join(self.names[:5]) + ", ..." * (len(self) > 5)
+        return f"{len(self)} object{'s' * (len(self) > 1)}: {listed}"
 
 
 def _read_each(
-    name: str, value: Numbers, unit: str, domain: Domain, number: int
+    name: str, value: Any, number: int, unit: str, domain: Domain | None
 ) -> np.ndarray:
-    """Read a number for each object; a `ValueError` if one is not allowed."""
-    values = as_real(name, value, unit=unit)
-    check(name, values, domain)
-    return _give_each(name, np.asarray(values), number)
-
-
-def _give_each(name: str, values: np.ndarray, number: int) -> np.ndarray:
-    """Give each object a value; a `ValueError` if there are more or fewer."""
+    """Read a value for each object: numbers of a domain, or without one True and False."""
+    values = np.asarray(value if domain is None else as_real(name, value, unit=unit))
+    if domain is not None:
+        check(name, values, domain)
+    elif values.dtype != bool:
+        raise ValueError(f"{name} must be True or False, got {describe(value)}")
     if values.shape not in ((), (number,)):
         raise ValueError(
             f"{name} must be one, or one for each of {number} objects, got an array of shape"

@@ -1,34 +1,36 @@
 """Many objects at a site: ranked by rate, and what would bring each to a target."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
-from ..block import SIZES_IN_WORDS, Block
-from ..driven import follow_batch, require_complete
-from ..ground_motion import warn_of_large_intensities
+from ..block import Block, block_of, size_of
+from ..ground_motion import choose_floor_step
 from ..host import name_work, show_progress
 from ..impact import compute_low_restitution
 from ..numerics import bound_probabilities
+from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from ..validation import POSITIVE, Numbers, as_real, check, check_kind
-from .hazard import Hazard
+from ..validation import Domain, as_real, check, check_kind
 from .inventory import Inventory
 from .inventory_dataset import INVENTORY_PARAMETERS, make_inventory_dataset
-from .inventory_groups import ObjectGroup, describe_places, group_objects
-from .lognormal import BoundarySums, fit_lognormal, sum_powers
-from .outcome_table import OutcomeTable, compute_outcomes
-from .overturning_rate import average_records
-from .rate_elasticities import compute_elasticities, list_parameters
+from .lognormal import fit_boundaries
+from .objects import draw_objects, gather_objects
+from .outcome_table import compute_outcomes
+from .rate_elasticities import change_parameters, compute_elasticities, list_parameters
 from .required_value import search_value
-from .site import Site, check_levels
-from .site_boundaries import make_batch_at_site
-from .uplift_levels import find_uplift_levels
+from .site import Site
 
 if TYPE_CHECKING:
     import xarray
 
+# A larger number was a return period.
+_TARGET = Domain(
+    "greater than 0 and at most 1 per year, not in years", lambda x: (x > 0) & (x <= 1), 1e-3
+)
+_OVERTURNS_FIRST = "overturns at the lowest level of the site, so that the rate may be more"
 _CONFIDENCE = 0.95  # of the intervals of probabilities
 _CHANGE = 0.1  # relative, to either side, for elasticities
 # Return periods in years of the levels for probabilities: those of codes, 10 % and 2 % in 50
@@ -47,7 +49,8 @@ def assess_inventory(
     site: Site,
     target: float,
     *,
-    reported_levels: Numbers | None = None,
+    required_width: bool = True,
+    elasticities: bool = False,
     model: ModelLike = Nonlinear(),
 ) -> "xarray.Dataset":
     """Rank objects by the rate at which they overturn, and find the width that each would need.
@@ -58,10 +61,10 @@ def assess_inventory(
     site : Site
         Levels 4 % apart, ``spacing=0.04``, suffice for a ranking.
     target : float
-        The rate that is tolerated, greater than 0 [1/yr].
-    reported_levels : array_like, shape (n,), optional
-        Increasing levels of the measure for which probabilities are given. By default the
-        levels with return periods of 475 and 2,475 years, where the hazard has them.
+        The rate that is tolerated, greater than 0 and at most 1 [1/yr].
+    required_width, elasticities : bool
+        Whether to search the width that each object needs, which takes most of the time, and to
+        compute the elasticities of the rate.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -69,29 +72,29 @@ def assess_inventory(
     -------
     xarray.Dataset
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
-        ``slenderness``, ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
-        ``restitution_assumed``, ``critical_angle``; ``uplift_intensity``, the median of the
-        lognormal curve of uplift; ``median`` and ``dispersion`` of the curve of overturning;
-        ``rate`` of overturning with its ``standard_error`` (from record to record) and
-        ``not_detected`` (see `overturning_rate`); ``required_width``, the width at this height
-        from which on the rate stays below the target, inf where there is none, with
-        ``required_width_reason``, and ``required_width_is_bound`` where even the narrowest
-        width that was examined meets the target; NaN where the hazard ends before the target;
-        ``probability_in_50_years``; ``verdict``, whether it meets the target, which is "not
-        known" where ``not_detected`` may carry the rate across; ``need`` of width in words;
-        ``most_important``, the parameter with the largest elasticity; a ``remark`` on what is
-        exceptional. If some objects are one-sided, ``one_sided``; if some are on floors,
-        ``floor_period`` (0 on the ground floor) and ``floor_damping``; if some restitutions
-        are assumed, the lower end of their range, ``low_restitution``, and
-        ``rate_at_low_restitution``. Over object and ``column`` there is a ``note``, if the
-        inventory has others.
+        ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
+        ``restitution_assumed``, ``one_sided``; ``floor_period`` (0 on the ground floor),
+        ``floor_damping``, ``floor_participation``; ``uplift_intensity``, the median of the
+        lognormal curve of uplift; ``median`` and ``dispersion`` of the curve of overturning, the
+        median NaN where the levels of the site do not reach it; ``rate`` of overturning with its
+        ``standard_error`` (from record to record) and ``not_detected`` (see
+        `overturning_rate`); ``probability_in_50_years``; ``verdict``, whether it meets the
+        target, which is "not known" where ``not_detected`` may carry the rate across; where the
+        restitution is assumed, the lower end of its range, ``low_restitution``, and
+        ``rate_at_low_restitution``; ``need`` of width in words; a ``remark`` on what is
+        exceptional. Over object and ``column`` there is a ``note``, if the inventory has others.
 
-        Over object and ``level``, with its ``return_period``, the ``probability`` of
-        overturning, with its Clopper-Pearson interval ``probability_low`` to
-        ``probability_high`` (95 %), which assumes independent records. Over object and
-        ``parameter`` there is the ``elasticity``: by how many per cent the rate changes if the
-        parameter changes by 1 %. It follows from the rates at a parameter 10 % lower and 10 %
-        higher.
+        Over object and ``level``, those with return periods of 475 and 2,475 years where the
+        site reaches them, with its ``return_period``: the ``probability`` of overturning, with
+        its Clopper-Pearson interval ``probability_low`` to ``probability_high`` (95 %), which
+        assumes independent records.
+
+        With `required_width`, ``required_width``, the width at this height from which on the
+        rate stays below the target, inf where there is none, and ``required_width_is_bound``
+        where even the narrowest width that was examined meets the target; NaN where the hazard
+        ends before the target. With `elasticities`, over object and ``parameter``, the
+        ``elasticity``: by how many per cent the rate changes if the parameter changes by 1 %,
+        from the rates at a parameter 10 % lower and 10 % higher.
 
     Raises
     ------
@@ -101,10 +104,9 @@ def assess_inventory(
 
     Notes
     -----
-    An object on a floor is assessed under ``site.suite.on_floor(period, damping)``, with steps
-    of at most 1/30 of the period: a floor of one mode with participation 1. Levels and the
-    hazard are those of the ground. A one-sided object is assessed under the suite in both
-    directions. An uncertain ``floor_period`` or ``floor_damping`` counts for objects on floors.
+    An object on a floor is assessed under ``site.suite.on_floor(period, damping,
+    participation)``, with steps of at most 1/30 of the period. Levels and the hazard are those
+    of the ground. A one-sided object is assessed under the suite in both directions.
 
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters count in the
     rate and its errors, in the probabilities and in the lognormal curve of overturning. The
@@ -129,211 +131,150 @@ def assess_inventory(
     """
     check_kind("inventory", inventory, Inventory)
     check_kind("site", site, Site)
-    if not isinstance(site.hazard, Hazard):
-        raise ValueError("site must have a Hazard, got a function")
-    check("target", as_real("target", target), POSITIVE)
-    # It was perhaps given as a return period.
-    if target > 1:
-        raise ValueError(
-            f"target must be a rate of at most 1 per year, got {target:g} 1/yr; that of a return"
-            f" period of {target:g} years is {1 / target:.3g} 1/yr (--target-return-period on the"
-            " command line)"
-        )
+    check("target", as_real("target", target), _TARGET)
     model = as_model(model)
-    if reported_levels is not None:
-        warn_of_large_intensities("a reported level", reported_levels, site.measure)
-    reported = _choose_reported_levels(site.hazard, reported_levels)
-    groups = group_objects(inventory, site)
-    in_turn = show_progress(groups, "groups of objects")
-    separate = [_assess_group(group, target, reported, model) for group in in_turn]
-    order = np.argsort(np.concatenate([group.places for group in groups]))
-    answers = {
-        name: np.concatenate([answer[name] for answer in separate])[order]
-        for name in separate[0]
+    reported = _choose_reported_levels(site)
+    objects = gather_objects(inventory.block, inventory.restitution)
+    draws = draw_objects(objects, inventory.uncertain)[:2]
+    places = []
+    answers = []
+    for members, place in show_progress([*_list_places(inventory, site)], "groups of objects"):
+        answer = _compute_rates(
+            inventory, members, draws, place, model, reported, elasticities
+        )
+        if required_width:
+            answer |= _search_widths(*_select(inventory, members), place, target, model)
+        places.append(members)
+        answers.append(answer)
+    order = np.argsort(np.concatenate(places))
+    joined = {
+        name: np.concatenate([answer[name] for answer in answers])[order]
+        for name in answers[0]
     }
-    if not any(inventory.restitution_assumed):
-        del answers["low_restitution"], answers["rate_at_low_restitution"]
-    answers = describe_places(inventory) | answers
-    return make_inventory_dataset(inventory, site, target, model, reported, answers)
+    return make_inventory_dataset(inventory, site, target, model, reported, joined)
 
 
-def _assess_group(
-    group: ObjectGroup, target: float, reported: np.ndarray, model: RockingModel
+def _list_places(inventory: Inventory, site: Site) -> Iterator[tuple[np.ndarray, Site]]:
+    """List objects that feel the same motions, by their numbers, and the site of each group."""
+    period = np.asarray(inventory.floor_period)
+    floor = np.stack([inventory.floor_damping, inventory.floor_participation])
+    motions = np.stack([inventory.one_sided, period, *np.where(period > 0, floor, 0)])
+    different, group = np.unique(motions, axis=1, return_inverse=True)
+    for k, (is_one_sided, period, *floor) in enumerate(different.T):
+        suite = site.suite
+        if period:
+            suite = suite.on_floor(period, *floor, time_step=choose_floor_step(period))
+        if is_one_sided and suite.directions == 1:
+            suite = suite.both_directions()
+        yield (
+            np.flatnonzero(group == k),
+            Site(suite, site.hazard, site.measure, site.levels),
+        )
+
+
+def _select(inventory: Inventory, members: np.ndarray) -> tuple[Block, np.ndarray]:
+    """Select objects that are all one-sided, or all free-standing."""
+    block, restitution = jax.tree.map(
+        lambda leaf: np.asarray(leaf)[members], (inventory.block, inventory.restitution)
+    )
+    return block_of(
+        size_of(block, "shape"), bool(inventory.one_sided[members[0]])
+    ), restitution
+
+
+def _compute_rates(
+    inventory: Inventory,
+    members: np.ndarray,
+    draws: tuple[Block, np.ndarray],
+    site: Site,
+    model: RockingModel,
+    reported: np.ndarray,
+    elasticities: bool,
 ) -> dict[str, np.ndarray]:
-    """Assess objects that feel the same motions."""
-    inventory = group.inventory
-    site = group.site
-    objects = inventory.objects
-    parameters = list_parameters(objects, "sides")
-    table = _simulate_objects(inventory, site, reported, model)
-    width = parameters["width"]
-    highest = np.maximum(_WIDEST * width, _WIDEST_OF_HEIGHT * parameters["height"])
+    """Compute what follows from outcomes, all of which are simulated in one batch.
+
+    Its last axis has the samples, the medians if they are none of these, the medians with a low
+    restitution, and those with a parameter at the ends of its change.
+    """
+    block, restitution = _select(inventory, members)
+    low = np.asarray(compute_low_restitution(block)).astype(restitution.dtype)
+    parameters = list_parameters(block, restitution, "sides")
+    of_change = (parameters, INVENTORY_PARAMETERS, _CHANGE)
+    sampled, coefficient = jax.tree.map(lambda leaf: leaf[members], draws)
+    cases = [(block_of(size_of(sampled, "shape"), block.one_sided), coefficient)]
+    samples = coefficient.shape[1]
+    median = jax.tree.map(lambda leaf: leaf[:, None], block)
+    first = 0
+    if inventory.uncertain is not None:
+        first = samples
+        cases.append((median, restitution[:, None]))
+    cases.append((median, low[:, None]))
+    if elasticities:
+        cases.append(change_parameters(*of_change, block.one_sided))
+    blocks, coefficients = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *cases)
+    table = compute_outcomes(blocks, coefficients, site, model)
+    rates = np.asarray(table.contributions).mean(axis=0)
+    of_samples = table.take(slice(samples))
+    means = of_samples.average(with_samples=True)
+    fits = fit_boundaries(of_samples)
+    counts = (
+        np.asarray(of_samples.look_up(reported)).mean(axis=2).sum(axis=0) / table.directions
+    )
+    interval = bound_probabilities(counts, site.suite.recordings, _CONFIDENCE)
+    assumed = np.asarray(inventory.restitution_assumed)[members]
+    factors = [uplift_factor(block, record, model=model) for record in site.suite]
+    lifted = np.stack(factors) * np.asarray(site.intensities)[:, None]
+    remarks = zip(
+        [inventory.remarks[k] for k in members],
+        [f"lognormal curve: {fit.remark}" if fit.remark else "" for fit in fits],
+        np.where(np.asarray(means["overturns_first"]).any(axis=0), _OVERTURNS_FIRST, ""),
+        strict=True,
+    )
+    answers = {
+        "uplift_intensity": np.exp(np.log(lifted).mean(axis=0)),
+        "median": np.array([fit.median_within(site.levels) for fit in fits]),
+        "dispersion": np.array([fit.dispersion for fit in fits]),
+        "probability": counts / site.suite.recordings,
+        "probability_low": interval[0],
+        "probability_high": interval[1],
+        **{name: means[name] for name in ("rate", "standard_error", "not_detected")},
+        "low_restitution": np.where(assumed, low, np.nan),
+        "rate_at_low_restitution": np.where(assumed, rates[:, first + 1], np.nan),
+        "remark": np.array(["; ".join(filter(None, parts)) for parts in remarks]),
+    }
+    if elasticities:
+        ends = rates[:, first + 2 :]
+        answers["elasticity"] = compute_elasticities(*of_change, ends, rates[:, first])
+    return answers
+
+
+def _search_widths(
+    block: Block, restitution: np.ndarray, site: Site, target: float, model: RockingModel
+) -> dict[str, np.ndarray]:
+    """Search the widths from which on the rate stays below the target."""
+    sizes = size_of(block, "sides")
+    highest = np.maximum(_WIDEST * sizes["width"], _WIDEST_OF_HEIGHT * sizes["height"])
     with name_work("required width"):
         required = search_value(
-            (objects.block, objects.restitution, site, np.asarray(target)),
-            ends=(_NARROWEST * width, highest),
+            (block, restitution, site, np.asarray(target)),
+            ends=(_NARROWEST * sizes["width"], highest),
             along="width",
             model=model,
             resolution=_RESOLUTION,
         )
-    elasticity = compute_elasticities(
-        parameters,
-        INVENTORY_PARAMETERS,
-        objects.block.one_sided,
-        site,
-        model,
-        _CHANGE,
-        table.median_rate,
-    ).T
-    remarks = [
-        "; ".join(filter(None, pair))
-        for pair in zip(inventory.remarks, table.remarks, strict=True)
-    ]
-    narrowest = np.isfinite(required.value) & (np.asarray(required.count) == 0)
+    value = np.asarray(required.value)
     return {
-        **{name: parameters[name] for name in ("width", "height")},
-        "slenderness": np.asarray(objects.block.slenderness),
-        "inertia_ratio": np.asarray(objects.block.inertia_ratio),
-        "restitution": parameters["restitution"],
-        "restitution_assumed": np.array(inventory.restitution_assumed),
-        "coefficient_of_variation": _list_coefficients(inventory),
-        "critical_angle": np.asarray(objects.block.critical_angle),
-        "uplift_intensity": _find_uplift_intensities(inventory.block, site, model),
-        **table.answers,
-        "elasticity": elasticity,
-        "required_width": np.asarray(required.value),
-        "required_width_is_bound": narrowest,
-        "required_width_reason": np.array(required.reasons),
-        "most_important": np.array([_name_most_important(row) for row in elasticity]),
-        "remark": np.array(remarks),
+        "required_width": value,
+        "required_width_is_bound": np.isfinite(value) & (np.asarray(required.count) == 0),
     }
 
 
-class _Simulated(NamedTuple):
-    """Answers that outcomes give, and the rates with the medians of all parameters."""
-
-    answers: dict[str, np.ndarray]
-    median_rate: np.ndarray
-    remarks: list[str]
-
-
-def _simulate_objects(
-    inventory: Inventory, site: Site, reported: np.ndarray, model: RockingModel
-) -> _Simulated:
-    """Simulate all objects and their samples, and sum rates, probabilities and curves."""
-    objects = inventory.objects
-    number = objects.number
-    suite = site.suite
-    sampled = (objects.block, objects.restitution, None)
-    if inventory.uncertain is not None:
-        draws = inventory.uncertain.draw(*sampled[:2], on_floor=suite.floor is not None)
-        sampled = (draws.block, draws.restitution, draws.floor)
-    # Of shape (objects, samples); without uncertainty the medians are the only sample.
-    block, restitution, floors = jax.tree.map(
-        lambda leaf: np.asarray(leaf, objects.restitution.dtype).reshape(number, -1), sampled
-    )
-    table = compute_outcomes(block, restitution, site, model, floors=floors)
-    means = average_records(table, suite.directions, with_samples=True)
-    median_rate = np.asarray(means.rate)
-    if inventory.uncertain is not None:
-        medians = compute_outcomes(objects.block, objects.restitution, site, model)
-        median_rate = np.asarray(medians.contributions.mean(axis=0))
-    ends = (float(site.levels[0]), float(site.levels[-1]))
-    fits = [fit_lognormal(sums, ends) for sums in _sum_boundaries(table, suite.directions)]
-    # A record counts by the fraction of its samples, and its directions by their mean.
-    batch = make_batch_at_site(block, restitution, site, floors)
-    counts = np.empty((number, reported.size))
-    for k, level in enumerate(reported):
-        response = follow_batch(batch.scaled(level), model)
-        complete = np.asarray(response.complete).reshape(len(suite), -1).all(axis=1)
-        require_complete(complete, record=suite.names)
-        overturned = np.asarray(response.overturned)
-        counts[:, k] = overturned.mean(axis=-1).sum(axis=0) / suite.directions
-    low, high = bound_probabilities(counts, suite.recordings, _CONFIDENCE)
-    answers = {
-        "median": np.array([fit.median for fit in fits]),
-        "dispersion": np.array([fit.dispersion for fit in fits]),
-        "probability": counts / suite.recordings,
-        "probability_low": low,
-        "probability_high": high,
-        "rate": means.rate,
-        "standard_error": means.standard_error,
-        "not_detected": means.not_detected,
-        **_compute_rates_at_low_restitution(inventory, site, model),
-    }
-    remarks = [
-        "; ".join(
-            [f"lognormal curve: {fit.remark}"] * bool(fit.remark)
-            + ["overturns at the lowest level of the site, so that the rate may be more"]
-            * first
-        )
-        for fit, first in zip(fits, means.overturns_first.any(axis=0).tolist(), strict=True)
-    ]
-    return _Simulated(answers, median_rate, remarks)
-
-
-def _compute_rates_at_low_restitution(
-    inventory: Inventory, site: Site, model: RockingModel
-) -> dict[str, np.ndarray]:
-    """Compute the low ends of assumed restitutions, and the rates there; NaN of others."""
-    objects = inventory.objects
-    low_restitution = np.full(objects.number, np.nan)
-    rate = low_restitution.copy()
-    assumed = np.flatnonzero(inventory.restitution_assumed)
-    if assumed.size:
-        low = np.asarray(compute_low_restitution(inventory.block))[assumed]
-        block = jax.tree.map(lambda leaf: leaf[assumed], objects.block)
-        low_restitution[assumed] = low
-        rate[assumed] = compute_outcomes(block, low, site, model).contributions.mean(axis=0)
-    return {"low_restitution": low_restitution, "rate_at_low_restitution": rate}
-
-
-def _sum_boundaries(table: OutcomeTable, directions: int) -> list[BoundarySums]:
-    """Sum for each object what its curve is fitted to, by the mean over its samples."""
-    exists = np.isfinite(table.boundaries)
-    signs = np.where(exists, np.where(table.begins, 1.0, -1.0), 0.0)
-    powers = sum_powers(np.where(exists, table.boundaries, 1.0), signs)
-    stands_last = ~table.overturned[..., -1]
-    number = table.overturns_first.shape[-1] * directions
-    sums = (
-        part.sum(axis=(0, 2)) / number for part in (table.overturns_first, stands_last, powers)
-    )
-    return [BoundarySums(*parts) for parts in zip(*sums, strict=True)]
-
-
-def _list_coefficients(inventory: Inventory) -> np.ndarray:
-    """List the coefficients of variation of the restitutions."""
-    coefficient = 0.0
-    if inventory.uncertain is not None:
-        coefficients = inventory.uncertain.coefficients_of_variation
-        coefficient = coefficients.get("restitution", 0.0)
-    return np.broadcast_to(np.asarray(coefficient, float), (len(inventory),))
-
-
-def _choose_reported_levels(hazard: Hazard, levels: Numbers | None) -> np.ndarray:
-    """Choose the levels for probabilities; a `ValueError` if they are not allowed."""
-    if levels is None:
-        rates = np.asarray(hazard.rates, float)
-        rates = rates[rates > 0]
-        of_codes = np.array([1 / years for years in _RETURN_PERIODS])
-        inside = of_codes[(of_codes <= rates[0]) & (of_codes >= rates[-1])]
-        # A hazard that ends before both: the middle of it.
-        wanted = inside if inside.size else np.sqrt(rates[:1] * rates[-1:])
-        logarithms = np.log(np.asarray(hazard.levels, float)[: rates.size])
-        return np.exp(np.interp(-np.log(wanted), -np.log(rates), logarithms))
-    check_levels("reported_levels", levels)
-    return np.asarray(levels, float)
-
-
-def _find_uplift_intensities(block: Block, site: Site, model: RockingModel) -> np.ndarray:
-    """Find the level that lifts each block: the median of the lognormal curve of uplift."""
-    levels = find_uplift_levels(block, site.suite, np.asarray(site.intensities), model)
-    return np.exp(np.log(levels).mean(axis=0))
-
-
-def _name_most_important(elasticity: np.ndarray) -> str:
-    """Name the parameter with the largest elasticity; "none" where the rate is 0."""
-    if not np.isfinite(elasticity).any():
-        return "none"
-    name = INVENTORY_PARAMETERS[int(np.nanargmax(abs(elasticity)))]
-    return SIZES_IN_WORDS.get(name, name)
+def _choose_reported_levels(site: Site) -> np.ndarray:
+    """Choose the levels for probabilities: those of codes that the site reaches."""
+    rates = np.asarray(site.hazard.rates, float)
+    rates = rates[rates > 0]
+    often, seldom = np.asarray(site.rates, float)[[0, -1]]
+    of_codes = 1 / np.array(_RETURN_PERIODS)
+    wanted = of_codes[(of_codes <= often) & (of_codes >= max(seldom, rates[-1]))]
+    logarithms = np.log(np.asarray(site.hazard.levels, float)[: rates.size])
+    return np.exp(np.interp(-np.log(wanted), -np.log(rates), logarithms))

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..block import SIZES_IN_WORDS
+from ..block import SIZES_IN_WORDS, size_of
 from ..ground_motion import MEASURES, describe_suite
 from ..host import add_names, make_dataset
 from ..resonance import RockingModel
-from .exceedance import describe_variable
-from .hazard import Hazard, compute_return_periods, describe_end, write_years
+from .fragility_curves import OF_MEASURE, describe_variable, label_variables
+from .hazard import write_years
 from .inventory import Inventory
 from .site import Site
 
@@ -22,48 +22,37 @@ MISSES = "misses the target"
 NOT_KNOWN = "not known"
 # Parameters whose importance is told: what can be built or chosen for an object.
 INVENTORY_PARAMETERS = ("width", "height", "restitution")
-# Long names and units of the answers, and their dimension beside "object", if they have one;
-# the unit of the measure is not known here.
-_OF_MEASURE = "measure"
-_WORDS: dict[str, tuple[str, ...]] = {
-    "one_sided": ("whether it stands against a wall", ""),
-    "floor_period": ("period of its floor, 0 on the ground floor", "s"),
-    "floor_damping": ("damping ratio of its floor", "1"),
-    "width": ("width of the base", "m"),
-    "height": ("height, twice the height of the centre of mass", "m"),
-    "slenderness": ("height over width", "1"),
-    "inertia_ratio": ("inertia ratio", "1"),
-    "restitution": ("restitution", "1"),
-    "restitution_assumed": ("whether the restitution follows from size, none being known", ""),
-    "low_restitution": ("low end of the likely restitutions, where assumed", "1"),
-    "coefficient_of_variation": ("coefficient of variation of the restitution", "1"),
-    "critical_angle": ("critical angle", "rad"),
-    "uplift_intensity": ("median of the lognormal fragility curve of uplift", _OF_MEASURE),
-    "median": ("median of the lognormal fragility curve of overturning", _OF_MEASURE),
-    "dispersion": ("dispersion of the curve: standard deviation of ln(level)", "1"),
-    "probability": ("probability of overturning at this level", "1", "level"),
-    "probability_low": ("lower end of its Clopper-Pearson interval", "1", "level"),
-    "probability_high": ("upper end of its Clopper-Pearson interval", "1", "level"),
-    "rate": ("rate of overturning", "1/yr"),
-    "rate_at_low_restitution": ("rate of overturning with the low restitution", "1/yr"),
-    "standard_error": ("standard error of the rate, from record to record", "1/yr"),
-    "not_detected": (
-        "upper bound of the change by undetected windows and levels beyond the last",
-        "1/yr",
-    ),
-    "elasticity": ("elasticity: change of the rate in % for 1 % more", "1", "parameter"),
-    "required_width": ("width beyond which the rate is below the target, same height", "m"),
-    "required_width_is_bound": (
-        "whether the required width is the narrowest that was examined, and may be less",
-        "",
-    ),
-    "required_width_reason": ("reason for the required width", ""),
-    "probability_in_50_years": ("probability of overturning in 50 years", "1"),
-    "verdict": ("whether the object meets the target, where that is known", ""),
-    "need": ("change of width that the target needs, in words", ""),
-    "most_important": ("parameter with the largest elasticity", ""),
-    "remark": ("remark on the object", ""),
-    "note": ("what else its table says of the object", "", "column"),
+# Dimensions, long name and unit of each answer.
+_WORDS: dict[str, tuple[str, str, str]] = {
+    "one_sided": ("object", "whether it stands against a wall", ""),
+    "floor_period": ("object", "period of its floor, 0 on the ground floor", "s"),
+    "floor_damping": ("object", "damping ratio of its floor", "1"),
+    "floor_participation": ("object", "participation of the mode of its floor", "1"),
+    "width": ("object", "width of the base", "m"),
+    "height": ("object", "height, twice the height of the centre of mass", "m"),
+    "inertia_ratio": ("object", "inertia ratio", "1"),
+    "restitution": ("object", "restitution", "1"),
+    "restitution_assumed": ("object", "whether the restitution follows from size", ""),
+    "low_restitution": ("object", "low end of the likely restitutions, where assumed", "1"),
+    "coefficient_of_variation": ("object", "coefficient of variation of restitution", "1"),
+    "uplift_intensity": ("object", "median of the lognormal curve of uplift", OF_MEASURE),
+    "median": ("object", "median of the lognormal curve of overturning", OF_MEASURE),
+    "dispersion": ("object", "dispersion of the curve: deviation of ln(level)", "1"),
+    "probability": ("object level", "probability of overturning at this level", "1"),
+    "probability_low": ("object level", "lower end of its Clopper-Pearson interval", "1"),
+    "probability_high": ("object level", "upper end of its Clopper-Pearson interval", "1"),
+    "rate": ("object", "rate of overturning", "1/yr"),
+    "rate_at_low_restitution": ("object", "rate with the low restitution", "1/yr"),
+    "standard_error": ("object", "standard error of the rate, over the records", "1/yr"),
+    "not_detected": ("object", "bound of undetected windows and the last level", "1/yr"),
+    "elasticity": ("object parameter", "change of the rate in % for 1 % more", "1"),
+    "required_width": ("object", "width beyond which the target is met, same height", "m"),
+    "required_width_is_bound": ("object", "whether a smaller width may suffice", ""),
+    "probability_in_50_years": ("object", "probability of overturning in 50 years", "1"),
+    "verdict": ("object", "whether it meets the target, where that is known", ""),
+    "need": ("object", "change of width that the target needs, in words", ""),
+    "remark": ("object", "remark on the object", ""),
+    "note": ("object column", "what else its table says of the object", ""),
 }
 
 
@@ -76,71 +65,66 @@ def make_inventory_dataset(
     answers: dict[str, np.ndarray],
 ) -> "xarray.Dataset":
     """Make the dataset of the answers, ranked by rate; see `assess_inventory`."""
-    assert isinstance(site.hazard, Hazard)
-    last_rate = float(site.rates[-1])
-    answers = answers | _judge_rates(answers, target)
-    order = np.argsort(-answers["rate"], kind="stable")
     measure_in_words, unit, _ = MEASURES[site.measure]
-    if inventory.others:
-        answers = answers | {"note": np.array([words for _, words in inventory.others]).T}
-    variables = {}
-    for name, values in answers.items():
-        long_name, units, *along = _WORDS[name]
-        described = {"long_name": long_name}
-        if units:
-            units = unit if units == _OF_MEASURE else units
-            described = describe_variable(long_name, units)
-        variables[name] = (("object", *along), values[order], described)
-    uncertain = inventory.uncertain
-    drawn: dict[str, float] = {}
-    if uncertain is not None:
-        for (first, second), value in uncertain.correlations.items():
-            drawn[f"correlation_of_{first}_and_{second}"] = value
-        drawn |= {"samples": uncertain.samples, "seed": uncertain.seed}
-    assumed = {}
-    if "one_sided" in answers:
-        assumed["one_sided_objects"] = "under each record in both directions"
-    if "floor_period" in answers:
-        assumed["floors"] = "each of one mode with participation 1"
-    periods = compute_return_periods(site.hazard, reported)
-    dataset = make_dataset(
-        "Inventory of objects, ranked by the rate of overturning",
-        variables,
-        {
-            "level": ("level", reported, describe_variable(measure_in_words, unit)),
-            "return_period": (
-                "level",
-                periods,
-                describe_variable("return period of the level", "yr"),
-            ),
-            "rank": ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"}),
-        },
-        {
-            "measure": site.measure,
-            "target": float(target),
-            "last_rate": last_rate,
-            "record_count": site.suite.recordings,
-            **describe_suite(site.suite),
-            "hazard_curve": str(site.hazard),
-            "model": model.name,
-            "simulated_levels": site.levels.size,
-            **assumed,
-            **drawn,
-        },
-    )
-    names = {
-        "object": ([inventory.names[k] for k in order], "object"),
-        "parameter": (
-            [SIZES_IN_WORDS.get(name, name) for name in INVENTORY_PARAMETERS],
-            "parameter",
-        ),
+    answers = {**_describe_objects(inventory), **answers}
+    answers |= _judge_rates(answers, target)
+    order = np.argsort(-answers["rate"], kind="stable")
+    ranked = {name: values[order] for name, values in answers.items()}
+    variables = label_variables(_WORDS, ranked, unit)
+    inside = reported.clip(*np.asarray(site.hazard.levels)[[0, -1]])
+    periods = 1 / np.asarray(site.hazard(inside))
+    written = [site.hazard.write_level(level, unit) for level in reported.tolist()]
+    return_period = describe_variable("return period of the level", "yr")
+    coordinates = {
+        "level": ("level", reported, describe_variable(measure_in_words, unit)),
+        "return_period": ("level", periods, return_period),
+        "written": ("level", written, {"long_name": "level in the unit of the hazard"}),
+        "rank": ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"}),
     }
+    attributes = {
+        "measure": site.measure,
+        "target": float(target),
+        "last_rate": float(site.rates[-1]),
+        "record_count": site.suite.recordings,
+        **describe_suite(site.suite),
+        "hazard_curve": str(site.hazard),
+        "model": model.name,
+        "simulated_levels": site.levels.size,
+        **({"uncertain": str(inventory.uncertain)} if inventory.uncertain else {}),
+    }
+    title = "Inventory of objects, ranked by the rate of overturning"
+    dataset = make_dataset(title, variables, coordinates, attributes)
+    names = {"object": ([inventory.names[k] for k in order], "object")}
+    if "elasticity" in answers:
+        words = [SIZES_IN_WORDS.get(name, name) for name in INVENTORY_PARAMETERS]
+        names["parameter"] = (words, "parameter")
     if inventory.others:
         names["column"] = ([name for name, _ in inventory.others], "column of the table")
-    dataset = add_names(dataset, **names)
-    needs = [describe_need(dataset.isel(object=k)) for k in range(len(inventory))]
-    long_name, _ = _WORDS["need"]
-    return dataset.assign(need=("object", needs, {"long_name": long_name}))
+    return add_names(dataset, **names)
+
+
+def _describe_objects(inventory: Inventory) -> dict[str, np.ndarray]:
+    """Describe the objects themselves, and where they stand."""
+    sizes = size_of(inventory.block, "sides")
+    period = np.asarray(inventory.floor_period)
+    uncertain = inventory.uncertain
+    coefficients = {} if uncertain is None else uncertain.coefficients_of_variation
+    known = {
+        "one_sided": inventory.one_sided,
+        "floor_period": period,
+        "floor_damping": np.where(period > 0, inventory.floor_damping, np.nan),
+        "floor_participation": np.where(period > 0, inventory.floor_participation, np.nan),
+        **{name: sizes[name] for name in ("width", "height", "inertia_ratio")},
+        "restitution": inventory.restitution,
+        "restitution_assumed": inventory.restitution_assumed,
+        "coefficient_of_variation": coefficients.get("restitution", 0.0),
+    }
+    if inventory.others:
+        known["note"] = np.array([texts for _, texts in inventory.others]).T
+    return {
+        name: np.broadcast_to(np.asarray(values), (len(inventory), *np.shape(values)[1:]))
+        for name, values in known.items()
+    }
 
 
 def _judge_rates(answers: dict[str, np.ndarray], target: float) -> dict[str, np.ndarray]:
@@ -154,43 +138,35 @@ def _judge_rates(answers: dict[str, np.ndarray], target: float) -> dict[str, np.
     may_cross = (rate - bound <= target) & (rate + bound > target)
     is_unknown = may_cross & (bound > np.minimum(rate, target))
     verdict = np.select([is_unknown, rate > target], [NOT_KNOWN, MISSES], MEETS)
-    return {"probability_in_50_years": -np.expm1(-50 * rate), "verdict": verdict}
-
-
-def describe_end_of_hazard(dataset: "xarray.Dataset") -> str:
-    """Describe why a verdict is not known, and what would make it known."""
-    target, last_rate = (float(dataset.attrs[name]) for name in ("target", "last_rate"))
-    if last_rate <= target:
-        return "what was not detected may carry the rate across the target"
-    return describe_end(last_rate, target)
+    width = answers["width"]
+    required = answers.get("required_width", np.full(rate.shape, None))
+    rows = zip(verdict, width, required, strict=True)
+    return {
+        "probability_in_50_years": -np.expm1(-50 * rate),
+        "verdict": verdict,
+        "need": np.array([describe_need(*row) for row in rows]),
+    }
 
 
 def describe_place(answer: "xarray.Dataset") -> str:
     """Describe where one object stands, if it stands at a wall or on a floor."""
-    places = ["at a wall"] * bool(answer.get("one_sided", False))
-    if float(answer.get("floor_period", 0.0)):
-        period, damping = float(answer.floor_period), float(answer.floor_damping)
-        places.append(f"floor {period:.3g} s ({damping:.2g})")
+    period = float(answer.floor_period)
+    places = ["at a wall"] * bool(answer.one_sided)
+    places += [f"floor {period:.3g} s ({float(answer.floor_damping):.2g})"] * bool(period)
     return ", ".join(places)
 
 
-def describe_need(answer: "xarray.Dataset") -> str:
-    """Describe in words whether an object needs another width for the target.
-
-    Parameters
-    ----------
-    answer : "xarray.Dataset"
-        Of one object, from `assess_inventory`.
-    """
-    required = float(answer.required_width)
-    verdict = str(answer.verdict.values)
+def describe_need(verdict: str, width: float, required: float | None) -> str:
+    """Describe in words whether an object needs another width for the target."""
     if verdict != MISSES:
         return "suffices" if verdict == MEETS else NOT_KNOWN
+    if required is None:
+        return MISSES
     if math.isnan(required):
         return "which width suffices is not known"
     if math.isinf(required):
         return "no width suffices"
-    if required > float(answer.width):
+    if required > width:
         return f"needs {round_width_up(required):.2f} m"
     # The width is sought with the median of the restitution, whose uncertainty adds to the
     # rate.
@@ -200,17 +176,6 @@ def describe_need(answer: "xarray.Dataset") -> str:
 def round_width_up(width: float) -> float:
     """Round a width up to the next centimetre: a lower one than required does not suffice."""
     return math.ceil(100 * width - 1e-9) / 100
-
-
-def describe_required_width(answer: "xarray.Dataset") -> str:
-    """Describe the required width of one object as a number, "<= 0.2", "none" or "not known".
-
-    It is a bound where the target is met even at the narrowest width that was examined.
-    """
-    required = float(answer.required_width)
-    if not math.isfinite(required):
-        return "none" if math.isinf(required) else NOT_KNOWN
-    return f"{'<= ' if bool(answer.required_width_is_bound) else ''}{required:.6g}"
 
 
 def describe_years(answer: "xarray.Dataset", unit: str = "") -> str:

@@ -1,16 +1,24 @@
-"""Tables of objects from files."""
+"""Tables of objects from files, and the example that comes with the library."""
 
 import os
+from importlib.resources import as_file, files
+from pathlib import Path
 
 import numpy as np
 
 from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
-from ..ground_motion import FLOOR_DAMPING
+from ..ground_motion import FLOOR_DAMPING, FLOOR_PERIOD
 from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size
 from ..sensitivity import Uncertain
 from ..tables import Column, read_table
-from ..validation import AT_LEAST_ONE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain
+from ..validation import AT_LEAST_ONE, FINITE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain
+from .hazard import Hazard
+from .hazard_files import read_hazard
 from .inventory import Inventory
+
+# The names of the files of the example, as a user finds them.
+EXAMPLE_FILES = ("objects.csv", "hazard.csv")
+_DATA = files("jaxrock") / "data"
 
 
 def _limit(name: str) -> Domain:
@@ -30,9 +38,10 @@ _COLUMNS = {
     "restitution": Column("ratio", ONE_SIDED_RESTITUTION, synonyms=("c",)),
     _COEFFICIENT: Column("ratio", NON_NEGATIVE, synonyms=("restitution cov",)),
     "one-sided": Column("flag"),
-    "floor period": Column("time", NON_NEGATIVE),
+    "floor period": Column("time", FLOOR_PERIOD),
     # Above critical damping the number is one of per cent.
     "floor damping": Column("ratio", UNIT_INTERVAL),
+    "floor participation": Column("ratio", FINITE),
 }
 
 
@@ -61,8 +70,9 @@ def read_inventory(
         facade, and no, false, 0 or nothing for all others. Its width is its side at right
         angles to the wall; it has no depth. Its restitution may be negative; if it is
         missing, `one_sided_restitution` gives it. An object on an upper floor has a ``floor
-        period``; without one, or with 0, it stands on the ground floor. It may have a ``floor
-        damping``, a ratio, 0.05 if it is missing.
+        period``, at most 20 s; without one, or with 0, it stands on the ground floor. It may
+        have a ``floor damping``, 0.05 if it is missing, and a ``floor participation`` of the
+        mode, 1 if it is missing.
 
         Lengths are in m, cm, mm, in or ft, periods in s or ms; ratios are numbers, or in % if
         their heads state it. All other columns are kept as words, in ``others``.
@@ -89,10 +99,7 @@ def read_inventory(
     ...     path = pathlib.Path(folder) / "objects.csv"
     ...     _ = path.write_text("name,width [cm],height [m]\nvase,20,0.6\nbust,30,0.9\n")
     ...     print(jr.risk.read_inventory(path))
-    2 objects
-                             width [m]    height [m]   restitution
-    vase                           0.2           0.6          0.85
-    bust                           0.3           0.9          0.85
+    2 objects: vase, bust
     """
     contents = read_table(path, _COLUMNS)
     values = contents.values
@@ -103,14 +110,18 @@ def read_inventory(
         "a one-sided object must have no depth: its width is at right angles to the wall",
     )
     damping = values["floor damping"]
+    participation = values["floor participation"]
     period = np.nan_to_num(values["floor period"])
     contents.require(
-        np.isnan(damping) | (period > 0), "a floor damping goes with a floor period"
+        (np.isnan(damping) & np.isnan(participation)) | (period > 0),
+        "a floor damping or participation goes with a floor period",
     )
     # The shorter side of the base is the width: over the longer one it is harder to overturn.
-    width = np.fmin(values["width"], depth)
-    ratio = _fill(values["inertia ratio"], RECTANGLE_INERTIA_RATIO)
-    sizes = {"width": width, "height": values["height"], "inertia_ratio": ratio}
+    sizes = {
+        "width": np.fmin(values["width"], depth),
+        "height": values["height"],
+        "inertia_ratio": _fill(values["inertia ratio"], RECTANGLE_INERTIA_RATIO),
+    }
     block, wall = (Block.from_size(**sizes, one_sided=flag) for flag in (False, True))
     by_size = np.where(one_sided, *map(compute_restitution_by_size, (wall, block)))
     is_assumed = np.isnan(values["restitution"])
@@ -137,11 +148,12 @@ def read_inventory(
             uncertain,
             [
                 "; ".join(words for words, rows in remarks.items() if rows[k])
-                for k in range(width.size)
+                for k in range(period.size)
             ],
             one_sided=one_sided.tolist(),
             floor_period=period,
-            floor_damping=_fill(damping, FLOOR_DAMPING) if period.any() else None,
+            floor_damping=_fill(damping, FLOOR_DAMPING),
+            floor_participation=_fill(participation, 1.0),
             restitution_assumed=is_assumed.tolist(),
             others=contents.others,
         )
@@ -152,3 +164,16 @@ def read_inventory(
 def _fill(values: np.ndarray, otherwise: np.ndarray | float) -> np.ndarray:
     """Put other numbers where there are none."""
     return np.where(np.isnan(values), otherwise, values)
+
+
+def read_example_inventory() -> tuple[Inventory, Hazard]:
+    """Read the objects and the hazard of the example; both are made up."""
+    with as_file(_DATA) as folder:
+        objects, hazard = (folder / f"example_{name}" for name in EXAMPLE_FILES)
+        return read_inventory(objects), read_hazard(hazard)
+
+
+def write_example_inventory(folder: Path) -> None:
+    """Write the files of the example, for users to replace objects and hazard by theirs."""
+    for name in EXAMPLE_FILES:
+        (folder / name).write_bytes((_DATA / f"example_{name}").read_bytes())

@@ -1,8 +1,7 @@
 """Bound of the change of a rate by windows of overturning or survival that no level hits."""
 
-from typing import NamedTuple
+import numpy as np
 
-from ..ground_motion import split_directions
 from ..validation import AnyArray, choose_namespace
 
 # The rule of three: where none was detected, a Poisson variable has a mean of at most
@@ -27,7 +26,9 @@ _RULE_OF_THREE = 3
 #
 # A window that was missed changes the rate by its width, up or down. The sum of the widths is
 # thus a bound of the change, in which no signs cancel.
-def bound_not_detected(overturned: AnyArray, rates: AnyArray, directions: int = 1) -> AnyArray:
+def bound_not_detected(
+    overturned: AnyArray, rates: AnyArray, directions: int = 1
+) -> AnyArray | np.floating:
     """Bound the change of rates by windows that no level hits, and beyond the last level.
 
     After Good (1953, doi:10.1093/biomet/40.3-4.237) and Good and Toulmin (1956,
@@ -47,59 +48,42 @@ def bound_not_detected(overturned: AnyArray, rates: AnyArray, directions: int = 
     Array, shape (...)
         Upper bound (95 %) of the change of the mean over the records [1/yr].
     """
-    if directions > 1:
-        parts = split_directions(overturned, directions)
-        library = choose_namespace((overturned, rates))
-        bounds = library.stack([bound_not_detected(part, rates) for part in parts])
-        return library.asarray(bounds.mean(axis=0))
+    width, deviation = estimate_windows(overturned, rates, directions)
     library = choose_namespace((overturned, rates))
-    windows = estimate_windows(overturned, rates)
     # Without any level alone both are 0, and yet windows may have been missed: up to three,
     # each as wide as the widest step where the outcome changes, or as the widest of all if it
     # never does. Windows at levels far below these are wider, and not covered.
     steps = rates[:-1] - rates[1:]
-    changed = overturned[..., 1:] != overturned[..., :-1]
+    changed = _split_changes(overturned, directions)
     all_steps = library.broadcast_to(steps, changed.shape)
-    widest = library.where(changed, all_steps, 0).max(axis=-1).max(axis=0)
-    widest = library.where(changed.any(axis=-1).any(axis=0), widest, steps.max())
-    missed = windows.width + 2 * windows.deviation
+    widest = library.where(changed, all_steps, 0).max(axis=-1).max(axis=1)
+    widest = library.where(changed.any(axis=-1).any(axis=1), widest, steps.max()).mean(axis=0)
+    missed = width + 2 * deviation
     # Beyond the last level anything may happen.
-    bound = missed + _RULE_OF_THREE * widest / len(overturned) + rates[-1]
-    return library.asarray(bound)
-
-
-class WindowEstimate(NamedTuple):
-    """Widths of windows that are hit by one level, means over the records [1/yr].
-
-    Attributes
-    ----------
-    width : Array, shape (...)
-        Their sum.
-    deviation : Array, shape (...)
-        Standard deviation of the sum, if each of them was met by chance (Poisson).
-    """
-
-    width: AnyArray
-    deviation: AnyArray
+    return missed + _RULE_OF_THREE * widest / changed.shape[1] + rates[-1]
 
 
 def estimate_windows(
     overturned: AnyArray, rates: AnyArray, directions: int = 1
-) -> WindowEstimate:
-    """Estimate the width of windows that exactly one level hits; see `bound_not_detected`."""
-    if directions > 1:
-        parts = [
-            estimate_windows(part, rates) for part in split_directions(overturned, directions)
-        ]
-        library = choose_namespace((overturned, rates))
-        stacked = [library.stack(values) for values in zip(*parts, strict=True)]
-        return WindowEstimate(*(library.asarray(values.mean(axis=0)) for values in stacked))
+) -> tuple[AnyArray | np.floating, AnyArray | np.floating]:
+    """Estimate the width of windows that exactly one level hits; see `bound_not_detected`.
+
+    Returns their sum and its standard deviation, if each of them was met by chance (Poisson);
+    both are means over the records (...) [1/yr].
+    """
     library = choose_namespace((overturned, rates))
     # Levels alone in their window: the outcome differs from the one before and the one after.
-    changed = overturned[..., 1:] != overturned[..., :-1]
+    changed = _split_changes(overturned, directions)
     is_alone = changed[..., :-1] & changed[..., 1:]
     widths = library.broadcast_to(0.5 * (rates[:-2] - rates[2:]), is_alone.shape)
     alone = library.where(is_alone, widths, 0)
-    width = alone.sum(axis=-1).sum(axis=0)
-    deviation = library.sqrt((alone * alone).sum(axis=-1).sum(axis=0))
-    return WindowEstimate(width / len(overturned), deviation / len(overturned))
+    width = alone.sum(axis=-1).sum(axis=1)
+    deviation = library.sqrt((alone * alone).sum(axis=-1).sum(axis=1))
+    records = changed.shape[1]
+    return width.mean(axis=0) / records, deviation.mean(axis=0) / records
+
+
+def _split_changes(overturned: AnyArray, directions: int) -> AnyArray:
+    """Find changes of the outcome between levels, (directions, records, ..., levels - 1)."""
+    split = overturned.reshape(directions, -1, *overturned.shape[1:])
+    return split[..., 1:] != split[..., :-1]

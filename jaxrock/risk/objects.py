@@ -1,98 +1,84 @@
-"""Objects whose risk is asked for: one block or many."""
-
-from collections.abc import Sequence
-from typing import NamedTuple
+"""Objects whose risk is asked for: one block or many, and samples of them."""
 
 import jax
 import numpy as np
 
 from ..block import Block, change_block
+from ..driven import RecordVariants
+from ..ground_motion import Suite, vary_floor
 from ..impact import read_restitution
-from ..validation import AnyArray, Number, as_text, check_concrete, check_kind
+from ..sensitivity import FloorFactors, Uncertain
+from ..validation import AnyArray, Number, check_concrete, check_kind, check_shapes
+
+# A block and its restitution in NumPy, of shape (objects,), or () for a single one.
+Objects = tuple[Block, np.ndarray]
 
 
-class Objects(NamedTuple):
-    """Objects along one axis, or a single one.
-
-    Attributes
-    ----------
-    block, restitution : Block, Array
-        Leaves of shape (objects,), or () for one block.
-    shape : tuple of int
-        () or (objects,).
-    names : tuple of str
-        One for each object; "1", "2", ... where none are given.
-    """
-
-    block: Block
-    restitution: AnyArray
-    shape: tuple[int, ...]
-    names: tuple[str, ...]
-
-    @property
-    def number(self) -> int:
-        """Number of objects."""
-        return self.shape[0] if self.shape else 1
-
-
-def gather_objects(
-    block: Block, restitution: Number, names: Sequence[str] | None = None
-) -> Objects:
+def gather_objects(block: Block, restitution: Number) -> Objects:
     """Gather concrete objects; a `ValueError` if they are not allowed."""
     check_kind("block", block, Block)
     check_concrete((block, restitution), "outcomes are counted on the host")
     coefficient = read_restitution(block, restitution)
+    check_shapes(block=block, restitution=coefficient)
     leaves, form = jax.tree.flatten((block, coefficient))
-    shapes = [np.shape(leaf) for leaf in leaves]
-    try:
-        shape = np.broadcast_shapes(*shapes)
-    except ValueError:
+    shape = np.broadcast_shapes(*map(np.shape, leaves))
+    if len(shape) > 1 or shape == (0,):
         raise ValueError(
-            "block and restitution must have shapes that broadcast, got half_width,"
-            " slenderness, gravity, inertia_ratio and restitution of"
-            f" {', '.join(map(str, shapes))}"
-        ) from None
-    if len(shape) > 1:
-        raise ValueError(
-            "block and restitution must be single or have one axis, of objects,"
+            "block and restitution must be single or have one axis, of at least one object,"
             f" got shape {shape}"
         )
-    if shape == (0,):
-        raise ValueError("block and restitution must be of at least one object, got none")
     # In NumPy: JAX would compile a program for each number of objects, and of values that one
     # of them is given.
     leaves = [np.broadcast_to(np.asarray(leaf), shape) for leaf in leaves]
-    block, coefficient = jax.tree.unflatten(form, leaves)
-    return Objects(block, coefficient, shape, _check_names(names, shape))
+    return jax.tree.unflatten(form, leaves)
 
 
-def _check_names(names: Sequence[str] | None, shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Return the names of objects, each its own; a `ValueError` if they are not allowed."""
-    if names is None:
-        return tuple(str(k + 1) for k in range(shape[0])) if shape else ()
-    if not shape:
-        raise ValueError("names must be left out for a single block")
-    if isinstance(names, str):
-        raise ValueError(f"names must be a list, got {names!r:.60}")
-    names = tuple(str(as_text(name)) for name in names)
-    if len(names) != shape[0]:
-        raise ValueError(f"names must be one for each of {shape[0]} objects, got {len(names)}")
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise ValueError(f"names must differ, got {twice[0]!r} twice")
-    return names
+def draw_objects(
+    objects: Objects, uncertain: Uncertain | None, on_floor: bool = False
+) -> tuple[Block, np.ndarray, FloorFactors | None]:
+    """Draw samples of objects, with factors on their floors, all of shape (..., samples).
+
+    They are drawn in float64, and are in the precision of the medians. Without uncertainty the
+    medians are the only sample.
+    """
+    parts = (*objects, None)
+    if uncertain is not None:
+        check_kind("uncertain", uncertain, Uncertain)
+        draws = uncertain.draw(*objects, on_floor=on_floor)
+        parts = (draws.block, draws.restitution, draws.floor)
+    shape = objects[1].shape
+    dtype = objects[1].dtype
+    return jax.tree.map(lambda leaf: np.asarray(leaf, dtype).reshape(*shape, -1), parts)
+
+
+def vary_motions(suite: Suite, floors: FloorFactors | None) -> Suite | RecordVariants:
+    """Put the ground of a suite on the floors of samples; the suite itself if there are none.
+
+    Parameters
+    ----------
+    suite : Suite
+        On a floor, if there are factors on its period and damping.
+    floors : FloorFactors of shape (...), or None
+
+    Returns
+    -------
+    Suite or RecordVariants
+    """
+    if floors is None:
+        return suite
+    # Objects share the floors of samples: each is filtered once.
+    pairs = np.stack([np.ravel(factors) for factors in floors], axis=-1)
+    different, which = np.unique(pairs, axis=0, return_inverse=True)
+    records = vary_floor(suite, *different.T)
+    return RecordVariants(records, which.reshape(np.shape(floors.period)).astype(float))
 
 
 def change_objects(
-    objects: Objects, indices: np.ndarray, values: np.ndarray, along: str
-) -> Objects:
-    """Select objects by their indices, and give each a value of the parameter."""
-    dtype = np.asarray(objects.restitution).dtype
-    block, restitution = jax.tree.map(
-        lambda leaf: np.atleast_1d(leaf)[indices], (objects.block, objects.restitution)
-    )
-    block, restitution = change_parameter(block, restitution, along, values.astype(dtype))
-    return objects._replace(block=block, restitution=restitution, names=())
+    objects: Objects, which: np.ndarray | slice, values: np.ndarray, along: str
+) -> tuple[Block, AnyArray]:
+    """Select objects, and give each a value of the parameter."""
+    block, restitution = jax.tree.map(lambda leaf: np.atleast_1d(leaf)[which], objects)
+    return change_parameter(block, restitution, along, values.astype(restitution.dtype))
 
 
 def change_parameter(

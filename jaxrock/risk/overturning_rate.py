@@ -1,35 +1,29 @@
 """The rate of overturning at a site, from the boundaries under each of its records."""
 
 import math
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 
 from ..block import Block
-from ..ground_motion import average_directions
 from ..host import Printed, format_fields, format_number
 from ..impact import read_restitution
 from ..overturning import Boundaries
 from ..resonance import ModelLike, Nonlinear
 from ..sensitivity import Uncertain
 from ..validation import (
-    AnyArray,
     Booleans,
     Number,
     Reals,
     check_kind,
     check_shapes,
-    choose_namespace,
     is_traced,
 )
 from .hazard import write_years
-from .not_detected import bound_not_detected
-from .objects import Objects, gather_objects
-from .outcome_table import OutcomeTable, compute_outcomes, tabulate_outcomes
+from .objects import draw_objects, gather_objects
+from .outcome_table import average_traced, compute_outcomes, find_outcomes
 from .site import Site
-from .site_boundaries import find_boundaries_at_site
 
 
 class OverturningRate(Printed, eqx.Module):
@@ -77,58 +71,46 @@ class OverturningRate(Printed, eqx.Module):
     directions: int = eqx.field(static=True)
 
     def __str__(self) -> str:
-        if np.ndim(self.rate):
+        if np.ndim(self.rate) or is_traced(self):
             units = dict.fromkeys(("rate", "standard_error", "not_detected"), "1/yr")
             return format_fields(self, **units, complete="")
-        rate = format_number(self.rate, "1/yr")
-        period = ""
-        if not is_traced(self.rate) and self.rate > 0:
-            chance = -100 * math.expm1(-50 * float(self.rate))
-            period = f", about once in {float(f'{1 / float(self.rate):.2g}'):,.0f} years"
-            period += f", {chance:.2g} % in 50 years"
-        lines = [f"overturns at a rate of {rate}{period}"]
-        error = format_number(self.standard_error, "1/yr")
-        records = f"{len(self.records) // self.directions} records"
-        ways = " in both directions" * (self.directions == 2)
-        if not is_traced(self) and self.rate < self.last_rate:
+        rate = float(self.rate)
+        written, error, bound = (
+            format_number(value, "1/yr")
+            for value in (self.rate, self.standard_error, self.not_detected)
+        )
+        if rate < self.last_rate:
             years = write_years(1 / float(self.last_rate))
             lines = [f"overturns less often than once in {years} years, where the hazard ends"]
-            lines.append(f"by the levels before at a rate of {rate}")
-        lines.append(f"standard error {error} from {records}{ways}")
-        bound = format_number(self.not_detected, "1/yr")
-        changes = f"undetected windows, and levels beyond the last, change it by {bound}"
-        lines.append(f"{changes} at most (95 %)")
+        elif rate:
+            years = f"{float(f'{1 / rate:.2g}'):,.0f}"
+            chance = f"{-100 * math.expm1(-50 * rate):.2g} % in 50 years"
+            lines = [
+                f"overturns at a rate of {written}, about once in {years} years, {chance}"
+            ]
+        else:
+            lines = [f"overturns at a rate of {written}"]
+        ways = " in both directions" * (self.directions == 2)
+        records = f"{len(self.records) // self.directions} records{ways}"
+        lines.append(f"standard error {error} from {records}")
+        changes = "undetected windows, and levels beyond the last, change it by"
+        lines.append(f"{changes} {bound} at most (95 %)")
         if self.sample_rates is not None:
             deviation = format_number(self.sample_rates.std(), "1/yr")
             samples = f"{self.sample_rates.size} samples of uncertain parameters"
             lines.append(f"standard deviation {deviation} over {samples}")
-        if not is_traced(self):
-            lines += self._explain()
-        return "\n".join(lines)
-
-    def _explain(self) -> list[str]:
-        """List why the rate of one block may be another."""
-        first = np.asarray(self.overturns_first)
-        lines = []
-        if first.any():
-            name = self.records[int(np.argmax(first))]
-            more = int(first.sum()) - 1
-            also = f" (and {more} other{'s' * (more > 1)})" if more else ""
+        first = [self.records[k] for k in np.flatnonzero(np.asarray(self.overturns_first))]
+        if first:
+            also = f" (and {len(first) - 1} others)" * (len(first) > 1)
             lines.append(
-                f"incomplete: record {name!r}{also} overturns it at the lowest level, so that"
+                f"incomplete: record {first[0]!r}{also} overturns it at the lowest level, so that"
                 " the rate may be higher"
             )
-        if self.boundaries is None:
-            return lines
-        unfinished = ~np.asarray(self.boundaries.complete)
-        if unfinished.any():
-            name = self.records[int(np.argmax(unfinished))]
-            lines.append(f"incomplete: integration did not finish for record {name!r}")
-        elif not self.complete and not first.any():
-            lines.append("incomplete: there are more boundaries than are listed")
-        if not (np.asarray(self.boundaries.count).any() or first.any()):
-            lines.append("no record overturns it within the levels of the site")
-        return lines
+        elif not self.complete:
+            lines.append(
+                "incomplete: an integration did not finish, or a boundary is not listed"
+            )
+        return "\n".join(lines)
 
 
 def overturning_rate(
@@ -206,104 +188,24 @@ def overturning_rate(
     check_kind("site", site, Site)
     check_kind("block", block, Block)
     restitution = read_restitution(block, restitution)
-    shapes = [np.shape(leaf) for leaf in jax.tree.leaves((block, restitution))]
-    if longest := next((shape for shape in shapes if len(shape) > 1), None):
-        raise ValueError(
-            f"block and restitution must be single or have one axis, of objects, got {longest}"
-        )
-    check_shapes(block=block, restitution=restitution)
-    if uncertain is not None:
-        check_kind("uncertain", uncertain, Uncertain)
-        return _average_samples(gather_objects(block, restitution), uncertain, site, model)
-    boundaries, falls = find_boundaries_at_site(
-        block, restitution, site, model, max_boundaries
-    )
-    table = tabulate_outcomes(boundaries, falls, site)
-    average = _average_traced if is_traced(table) else average_records
-    means = average(table, site.suite.directions)
-    return OverturningRate(
-        **jax.device_put(means._asdict()),
-        boundaries=boundaries,
-        sample_rates=None,
-        records=site.suite.names,
-        directions=site.suite.directions,
-    )
-
-
-class RecordMeans(NamedTuple):
-    """The fields of an `OverturningRate` that follow from a table of outcomes."""
-
-    rate: AnyArray | np.floating
-    contributions: AnyArray
-    standard_error: AnyArray | np.floating
-    not_detected: AnyArray | np.floating
-    complete: AnyArray | np.bool
-    overturns_first: AnyArray
-    last_rate: AnyArray
-
-
-def average_records(
-    table: OutcomeTable, directions: int, with_samples: bool = False
-) -> RecordMeans:
-    """Average over the records, and before over the samples, if they are the last axis."""
-    contributions = table.contributions
-    overturns_first = table.overturns_first
-    rates = table.rates
-    if is_traced(rates):
-        # The bound has no derivative where no level is alone in its window.
-        rates = jax.lax.stop_gradient(rates)
-    bound = bound_not_detected(table.overturned, rates, directions)
-    complete = table.complete & ~overturns_first
-    if with_samples:
-        # A bound for each sample, then the mean: samples of one record have the same windows,
-        # and do not count as more records.
-        contributions, bound = (part.mean(axis=-1) for part in (contributions, bound))
-        overturns_first = overturns_first.any(axis=-1)
-        complete = complete.all(axis=-1)
-    return RecordMeans(
-        rate=contributions.mean(axis=0),
-        contributions=contributions,
-        standard_error=compute_standard_error(contributions, directions),
-        not_detected=bound,
-        complete=complete.all(axis=0),
-        overturns_first=overturns_first,
-        last_rate=table.rates[-1],
-    )
-
-
-_average_traced = eqx.filter_jit(average_records)
-
-
-def compute_standard_error(contributions: AnyArray, directions: int) -> AnyArray | np.floating:
-    """Compute the standard error of a mean over records (records, ...); NaN for one record.
-
-    Only the means over the directions of a record are independent.
-    """
-    contributions = average_directions(contributions, directions)
-    records = len(contributions)
-    if records == 1:
-        library = choose_namespace(contributions)
-        return library.full_like(contributions[0], library.nan)
-    return contributions.std(axis=0, ddof=1) / math.sqrt(records)
-
-
-def _average_samples(
-    objects: Objects, uncertain: Uncertain, site: Site, model: ModelLike
-) -> OverturningRate:
-    """Compute the rates of samples of objects, and average over them."""
-    on_floor = site.suite.floor is not None
-    draws = uncertain.draw(objects.block, objects.restitution, on_floor=on_floor)
-    # Samples are drawn in float64, and simulated in the precision of their medians.
-    dtype = np.asarray(objects.restitution).dtype
-    block, restitution = jax.tree.map(
-        lambda leaf: leaf.astype(dtype), (draws.block, draws.restitution)
-    )
-    table = compute_outcomes(block, restitution, site, model, floors=draws.floor)
-    means = average_records(table, site.suite.directions, with_samples=True)
-    fields = means._asdict() | {"sample_rates": table.contributions.mean(axis=0)}
+    if is_traced((block, restitution)):
+        check_shapes(block=block, restitution=restitution)
+    else:
+        gather_objects(block, restitution)
+    sample_rates = boundaries = None
+    if uncertain is None:
+        table, boundaries = find_outcomes(block, restitution, site, model, max_boundaries)
+        fields = average_traced(table) if is_traced(table[:-1]) else table.average()
+    else:
+        objects = gather_objects(block, restitution)
+        drawn = draw_objects(objects, uncertain, site.suite.floor is not None)
+        table = compute_outcomes(*drawn[:2], site, model, floors=drawn[2])
+        sample_rates = jax.device_put(table.contributions.mean(axis=0))
+        fields = table.average(with_samples=True)
     return OverturningRate(
         **jax.device_put(fields),
-        boundaries=None,
+        boundaries=boundaries,
+        sample_rates=sample_rates,
         records=site.suite.names,
         directions=site.suite.directions,
     )

@@ -1,19 +1,18 @@
-"""Elasticities of the rate of overturning, at a point and over a change."""
+"""Elasticities of the rate of overturning, over a finite change of each parameter."""
 
 from collections.abc import Mapping, Sequence
 from typing import cast, get_args
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
 from ..host import Printed, format_fields, format_table, name_work
 from ..resonance import ModelLike, Nonlinear
-from ..validation import Number, Reals, as_name, check_kind
-from .objects import Objects, gather_objects
+from ..validation import Number, as_name, check_kind
+from .objects import gather_objects
 from .outcome_table import compute_outcomes
 from .overturning_rate import OverturningRate, overturning_rate
 from .site import Site
@@ -21,8 +20,6 @@ from .site import Site
 # Relative width of the intervals in which the boundaries at both ends of a change are located:
 # an elasticity is then accurate to some 1e-4.
 _TOLERANCE = 1e-5
-# Decimal places to which two blocks are the same, beyond the digits of single precision.
-_DIGITS = 12
 
 
 class RateElasticities(Printed, eqx.Module):
@@ -32,9 +29,7 @@ class RateElasticities(Printed, eqx.Module):
     ----------
     names : tuple of str
         Names of the parameters of the block, and the restitution.
-    at_point : Array, shape (names, ...)
-        From the derivatives of the detected boundaries [-].
-    over_change : Array, shape (names, ...)
+    elasticity : Array, shape (names, ...)
         From the rates at both ends of the change [-].
     change : float
         Relative change of a parameter, to either side.
@@ -43,17 +38,15 @@ class RateElasticities(Printed, eqx.Module):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    at_point: Float[Array, " names ..."]
-    over_change: Float[Array, " names ..."]
+    elasticity: Float[Array, " names ..."]
     change: float = eqx.field(static=True)
     rate: OverturningRate
 
     def __str__(self) -> str:
         if np.ndim(self.rate.rate):
-            return format_fields(self, at_point="", over_change="")
-        over = {f"over_+-{100 * self.change:g}%": np.asarray(self.over_change)}
-        columns = {**over, "at_the_point": np.asarray(self.at_point)}
+            return format_fields(self, elasticity="")
         labels = [SIZES_IN_WORDS.get(name, name) for name in self.names]
+        columns = {f"over_+-{100 * self.change:g}%": np.asarray(self.elasticity)}
         return format_table("elasticities of the rate", labels, **columns)
 
 
@@ -66,13 +59,12 @@ def rate_elasticities(
     by: SizeDescription = "shape",
     model: ModelLike = Nonlinear(),
 ) -> RateElasticities:
-    """Compute how much the rate of overturning changes with each parameter, in two ways.
+    """Compute how much the rate of overturning changes with each parameter.
 
-    The derivative of `overturning_rate` is exact for the detected boundaries. If a block
-    rocks for long before it overturns, many of these enclose narrow windows and move fast in
-    unrelated directions. The derivative is then irregular, and does not predict the effect of
-    a larger change. The difference of the rates at both ends of a change averages over such
-    windows. Use the derivative where the two agree, else the difference.
+    From the rates at both ends of a change. If a block rocks for long before it overturns, many
+    boundaries enclose narrow windows and move fast in unrelated directions. The derivative of
+    `overturning_rate`, exact for the boundaries that were detected, is then irregular and does
+    not predict the effect of a larger change; the difference averages over such windows.
 
     Parameters
     ----------
@@ -102,8 +94,8 @@ def rate_elasticities(
     >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
     >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
     >>> answer = jr.risk.rate_elasticities(jr.Block(0.1, 5.0), 0.8, site)
-    >>> print(answer.names[4], f"{answer.over_change[4]:.2f} {answer.at_point[4]:.2f}")
-    restitution 2.30 2.22
+    >>> print(answer.names[4], f"{answer.elasticity[4]:.2f}")
+    restitution 2.30
     """
     if not isinstance(change, float | int) or not 0 < change < 0.5:
         raise ValueError(
@@ -112,96 +104,72 @@ def rate_elasticities(
     check_kind("site", site, Site)
     by = cast("SizeDescription", as_name("by", by, get_args(SizeDescription)))
     objects = gather_objects(block, restitution)
-    parameters = list_parameters(objects, by)
-
-    def sum_rates(parameters: Mapping[str, Reals]) -> tuple[Reals, OverturningRate]:
-        changed = block_of(parameters, objects.block.one_sided)
-        rate = overturning_rate(changed, parameters["restitution"], site, model=model)
-        # Each rate depends on the parameters of its own object only.
-        return rate.rate.sum(), rate
-
-    derivatives, rate = jax.grad(sum_rates, has_aux=True)(
-        {name: jnp.asarray(value) for name, value in parameters.items()}
-    )
-    rates = np.asarray(rate.rate)
-    over_change = compute_elasticities(
-        parameters, tuple(parameters), objects.block.one_sided, site, model, change, rates
-    )
-    derivative = np.stack([derivatives[name] for name in parameters])
-    # A rate of 0 has no elasticity: NaN, without a warning.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        at_point = derivative * np.stack([*parameters.values()]) / rates
-    at_point, over_change = (
-        jax.device_put(part.astype(rates.dtype)) for part in (at_point, over_change)
-    )
-    return RateElasticities(tuple(parameters), at_point, over_change, float(change), rate)
+    rate = overturning_rate(block, restitution, site, model=model)
+    parameters = list_parameters(*objects, by)
+    names = tuple(parameters)
+    changed = change_parameters(parameters, names, change, objects[0].one_sided)
+    with name_work("elasticities"):
+        table = compute_outcomes(*changed, site, model, tolerance=_TOLERANCE)
+    ends = np.asarray(table.contributions.mean(axis=0))
+    elasticity = compute_elasticities(parameters, names, change, ends, np.asarray(rate.rate))
+    elasticity = jax.device_put(np.moveaxis(elasticity, -1, 0).astype(ends.dtype))
+    return RateElasticities(names, elasticity, float(change), rate)
 
 
-def list_parameters(objects: Objects, by: SizeDescription) -> dict[str, np.ndarray]:
-    """List the parameters of objects by their names, the restitution last."""
-    block = jax.tree.map(np.asarray, objects.block)
+def list_parameters(
+    block: Block, restitution: np.ndarray, by: SizeDescription
+) -> dict[str, np.ndarray]:
+    """List the parameters of concrete objects by their names, the restitution last."""
+    block = jax.tree.map(np.asarray, block)
     sizes = {name: np.asarray(value) for name, value in size_of(block, by).items()}
-    return {**sizes, "restitution": np.asarray(objects.restitution)}
+    return {**sizes, "restitution": np.asarray(restitution)}
+
+
+def change_parameters(
+    parameters: Mapping[str, np.ndarray], names: Sequence[str], change: float, one_sided: bool
+) -> tuple[Block, np.ndarray]:
+    """Change one parameter after the other to a lower and to a higher value.
+
+    Returns blocks and restitutions of shape (..., 2 names): all lower values, then all higher.
+    """
+    ends = {}
+    for name, values in parameters.items():
+        ends[name] = np.repeat(values[..., None], 2 * len(names), axis=-1)
+        if name in names:
+            k = names.index(name)
+            ends[name][..., [k, k + len(names)]] = _choose_ends(name, values, change)
+    return block_of(ends, one_sided), ends["restitution"]
+
+
+def _choose_ends(name: str, values: np.ndarray, change: float) -> np.ndarray:
+    """Choose a lower and a higher value of a parameter, (..., 2)."""
+    low = values * (1 - change)
+    high = values * (1 + change)
+    if name == "inertia_ratio":
+        low = np.maximum(low, 1.0)
+    if name == "restitution":
+        # With C = 1 a block would bounce without end: it goes halfway there at most.
+        high = np.minimum(high, 0.5 * (1 + values))
+    return np.stack([low, high], axis=-1)
 
 
 def compute_elasticities(
     parameters: Mapping[str, np.ndarray],
     names: Sequence[str],
-    one_sided: bool,
-    site: Site,
-    model: ModelLike,
     change: float,
+    ends: np.ndarray,
     rate: np.ndarray,
 ) -> np.ndarray:
-    """Compute elasticities of rates from those at both ends of a change.
+    """Compute elasticities from the rates (..., 2 names) at the ends of `change_parameters`.
 
-    Parameters
-    ----------
-    parameters : mapping
-        All parameters of the objects; see `list_parameters`.
-    names : sequence of str
-        Those that are changed.
-    one_sided : bool
-        Whether the objects stand against a wall.
-    site, model : Site, Nonlinear or Linearized
-    change : float
-        Relative change of a parameter, to either side.
-    rate : ndarray
-        Of the shape of the objects [1/yr].
-
-    Returns
-    -------
-    ndarray, shape (names, ...)
-        NaN where the rate is 0.
+    Returns an array of shape (..., names): NaN where the rate or the parameter is 0.
     """
-    values = np.stack([*parameters.values()])
-    # Of shape (parameters, ends, names, ...): in each, one parameter is changed.
-    changed = np.repeat(np.repeat(values[:, None, None], 2, axis=1), len(names), axis=2)
-    spans = np.empty((len(names), *rate.shape))
-    for k, name in enumerate(names):
-        value = parameters[name]
-        low, high = (value * (1 + sign * change) for sign in (-1, 1))
-        if name == "inertia_ratio":
-            low = np.maximum(low, 1.0)
-        if name == "restitution":
-            # With C = 1 a block would bounce without end: it goes halfway there at most.
-            high = np.minimum(high, 0.5 * (1 + value))
-        changed[list(parameters).index(name), :, k] = low, high
-        spans[k] = high - low
-    *sizes, restitution = changed.reshape(len(parameters), -1)
-    block = block_of(dict(zip(parameters, sizes, strict=False)), one_sided)
-    # A block feels its half-width and its inertia ratio by the frequency parameter alone: rows
-    # that differ in nothing else are simulated once.
-    product = np.asarray(block.inertia_ratio) * np.asarray(block.half_width)
-    felt = np.stack([product, block.slenderness, block.gravity, restitution]).round(_DIGITS)
-    _, first, place = np.unique(felt, axis=1, return_index=True, return_inverse=True)
-    block = jax.tree.map(lambda leaf: np.asarray(leaf)[first], block)
-    with name_work("elasticities"):
-        table = compute_outcomes(block, restitution[first], site, model, tolerance=_TOLERANCE)
-    rates = table.contributions.mean(axis=0)[place.reshape(-1)]
-    low, high = rates.reshape(2, len(names), *rate.shape)
-    own = np.stack([parameters[name] for name in names])
-    # Nor has a restitution of 0 an elasticity.
+    low, high = np.moveaxis(ends.reshape(*rate.shape, 2, len(names)), -2, 0)
+    values = np.stack([parameters[name] for name in names], axis=-1)
+    spans = [
+        np.diff(_choose_ends(name, parameters[name], change), axis=-1)[..., 0]
+        for name in names
+    ]
     with np.errstate(invalid="ignore", divide="ignore"):
-        elasticities = (high - low) / (spans / own) / rate
+        elasticities = (high - low) / (np.stack(spans, axis=-1) / values) / rate[..., None]
     return np.where(np.isfinite(elasticities), elasticities, np.nan)

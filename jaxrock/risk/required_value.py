@@ -1,6 +1,8 @@
 """Inverse design of a rate: the value from which on it stays below a target."""
 
 import functools
+import itertools
+import math
 
 import equinox as eqx
 import jax
@@ -8,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from ..block import Block
+from ..block import SIZES_IN_WORDS, Block
 from ..host import Printed, format_fields, name_work
 from ..impact import read_restitution
 from ..overturning import UNITS
@@ -18,7 +20,6 @@ from ..validation import (
     POSITIVE,
     UNIT_INTERVAL,
     AnyArray,
-    Booleans,
     Domain,
     Integers,
     Number,
@@ -30,12 +31,12 @@ from ..validation import (
     check_kind,
     is_traced,
 )
-from .objects import change_objects, change_parameter, gather_objects
-from .outcome_table import compute_outcomes
-from .overturning_rate import average_records, overturning_rate
+from .hazard import describe_end
+from .not_detected import estimate_windows
+from .objects import Objects, change_objects, change_parameter, gather_objects
+from .outcome_table import CLOSE, EXACT, compute_outcomes
+from .overturning_rate import overturning_rate
 from .site import Site
-from .site_boundaries import EXACT
-from .value_scan import read_scan, scan_values
 
 # What may be designed, and the values that it may have.
 _QUANTITIES: dict[str, Domain] = {
@@ -49,6 +50,17 @@ _RESOLUTION = 5e-3
 # less than this fraction: then the rate is smooth there.
 _SMOOTH = 0.25
 _OVER = 0.05
+# Distance of the values that are examined at first, in logarithms, and their least number.
+_SPACING = 0.1
+_FIRST = 13
+# The widest distance between levels, in logarithms, and the relative width of the intervals in
+# which boundaries are located, at which a value is examined first.
+_COARSE = 0.16
+_COARSE_WIDTH = 0.02
+# A rate from few levels is on one side of the target if it is so many standard errors away.
+_ERRORS = 3.0
+# Quantities of which lower values are safe; of the others, higher ones.
+_SAFE_BELOW = ("height", "slenderness", "restitution")
 
 
 class RequiredValue(Printed, eqx.Module):
@@ -64,15 +76,11 @@ class RequiredValue(Printed, eqx.Module):
     rate : Array, shape (...)
         The rate of overturning there [1/yr], not above the target; NaN where there is no
         value.
-    not_detected : Array, shape (...)
-        See `OverturningRate` [1/yr].
     crossings : Array, shape (..., crossings)
         The crossings of the target that were found, each at its safe end, in increasing order;
         NaN beyond their number.
     count : Array of int, shape (...)
         Number of crossings.
-    complete : Array of bool, shape (...)
-        As in `OverturningRate`; False where there is no value.
     reasons : tuple of str
         For each object, why the value is what it is.
     along : str
@@ -81,17 +89,15 @@ class RequiredValue(Printed, eqx.Module):
 
     value: Reals
     rate: Reals
-    not_detected: Reals
     crossings: Reals
     count: Integers
-    complete: Booleans
     reasons: tuple[str, ...] = eqx.field(static=True)
     along: str = eqx.field(static=True)
 
     def __str__(self) -> str:
         if np.ndim(self.value) or is_traced(self.value):
             unit = UNITS.get(self.along, "")
-            return format_fields(self, value=unit, rate="1/yr", count="", complete="")
+            return format_fields(self, value=unit, rate="1/yr", count="")
         return self.reasons[0]
 
 
@@ -171,22 +177,14 @@ def required_value(
     check_kind("site", site, Site)
     target = as_real("target", target)
     check("target", target, POSITIVE)
-    ends = _check_bounds(bounds, along)
-    parts = (block, read_restitution(block, restitution), site, target)
-    with name_work(f"required {along.replace('_', '-')}"):
-        return search_value(parts, ends=ends, along=along, model=as_model(model))
-
-
-def _check_bounds(bounds: tuple[Number, Number], along: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return both bounds as arrays; a `ValueError` if they are not allowed."""
-    if len(bounds) != 2:
-        raise ValueError(f"bounds must be two values, low and high, got {len(bounds)} of them")
     for bound in bounds:
         check("bounds", as_real("bounds", bound), _QUANTITIES[along])
     low, high = (np.asarray(bound, float) for bound in bounds)
     if not (low < high).all():
         raise ValueError(f"bounds must be a lower and a higher value, got {low} and {high}")
-    return low, high
+    parts = (block, read_restitution(block, restitution), site, target)
+    with name_work(f"required {along.replace('_', '-')}"):
+        return search_value(parts, ends=(low, high), along=along, model=as_model(model))
 
 
 _Parts = tuple[Block, AnyArray, Site, AnyArray]
@@ -208,48 +206,37 @@ def search_value(
     block, restitution, site, target = parts
     check_concrete(parts, "the search depends on the answers")
     objects = gather_objects(block, restitution)
-    low, high, targets = _broadcast_to_objects(objects.number, *ends, target)
-    scans = scan_values(objects, along, site, model, (low, high), targets, resolution)
-    answers = [
-        read_scan(*scan, float(goal), along, float(site.rates[-1]))
-        for scan, goal in zip(scans, targets, strict=True)
-    ]
-    values = np.array([answer.value for answer in answers])
-    columns = max(answer.crossings.size for answer in answers)
-    crossings = np.full((objects.number, columns), np.nan)
-    for row, answer in zip(crossings, answers, strict=True):
-        row[: answer.crossings.size] = answer.crossings
-    # Those without a value are simulated at their lower bound, and taken out afterwards.
-    exists = np.isfinite(values)
-    indices = np.arange(objects.number)
-    changed = change_objects(objects, indices, np.where(exists, values, low), along)
-    table = compute_outcomes(changed.block, changed.restitution, site, model, tolerance=EXACT)
-    means = average_records(table, site.suite.directions)
-    real = {
-        "value": values,
-        "rate": np.where(exists, means.rate, np.nan),
-        "not_detected": np.where(exists, means.not_detected, np.nan),
-        "crossings": crossings,
-    }
-    fields = {name: entries.astype(table.levels.dtype) for name, entries in real.items()}
-    fields["count"] = np.array([answer.crossings.size for answer in answers])
-    fields["complete"] = exists & means.complete
-    for name, entries in fields.items():
-        fields[name] = jax.device_put(entries.reshape((*objects.shape, *entries.shape[1:])))
-    reasons = tuple(answer.reason for answer in answers)
-    return RequiredValue(**fields, reasons=reasons, along=along)
-
-
-def _broadcast_to_objects(number: int, *arrays: Number) -> list[np.ndarray]:
-    """Give every object a value of each array; a `ValueError` if they do not fit."""
-    try:
-        return [np.broadcast_to(np.asarray(values, float), (number,)) for values in arrays]
-    except ValueError:
-        shapes = ", ".join(str(np.shape(values)) for values in arrays)
+    number = objects[1].size
+    shapes = [np.shape(given) for given in (*ends, target)]
+    if not {*shapes} <= {(), (number,)}:
         raise ValueError(
             "bounds and target must be single values, or one for each object, got shapes"
-            f" {shapes}, where the number of objects is {number}"
-        ) from None
+            f" {', '.join(map(str, shapes))}, where the number of objects is {number}"
+        )
+    low, high, targets = (
+        np.broadcast_to(np.asarray(given, float), number) for given in (*ends, target)
+    )
+    scans = _scan_values(objects, along, site, model, (low, high), targets, resolution)
+    last_rate = float(site.rates[-1])
+    read = [_read_scan(*scan, along, last_rate) for scan in scans]
+    values, crossings, reasons = zip(*read, strict=True)
+    columns = itertools.zip_longest(*crossings, fillvalue=np.nan)
+    listed = np.array([*columns]).T.reshape(number, -1)
+    # Those without a value are simulated at their lower bound, and taken out afterwards.
+    exists = np.isfinite(values)
+    changed = change_objects(objects, slice(None), np.where(exists, values, low), along)
+    table = compute_outcomes(*changed, site, model, tolerance=EXACT)
+    fields = {
+        "value": np.array(values),
+        "rate": np.where(exists, table.contributions.mean(axis=0), np.nan),
+        "crossings": listed,
+        "count": np.isfinite(listed).sum(axis=1),
+    }
+    for name, entries in fields.items():
+        dtype = table.levels.dtype if entries.dtype.kind == "f" else entries.dtype
+        shaped = entries.reshape((*objects[1].shape, *entries.shape[1:]))
+        fields[name] = jax.device_put(shaped.astype(dtype))
+    return RequiredValue(**fields, reasons=reasons, along=along)
 
 
 @search_value.def_jvp
@@ -302,3 +289,128 @@ def _differentiate_value(
     return answer, eqx.tree_at(
         lambda tree: tree.value, nothing, change, is_leaf=lambda leaf: leaf is None
     )
+
+
+# Most values are far from where the rate crosses the target, and few levels tell on which side
+# of it they are. So a value is examined at few levels, and at all levels only if the target is
+# not further away than windows and location leave unknown, or if the rate crosses it beside the
+# value. Then a value is added between neighbours if the rate crosses the target there, or might,
+# until they are as close as the resolution.
+def _scan_values(
+    objects: Objects,
+    along: str,
+    site: Site,
+    model: RockingModel,
+    bounds: tuple[np.ndarray, np.ndarray],
+    targets: np.ndarray,
+    resolution: float,
+) -> list[tuple[np.ndarray, np.ndarray, float]]:
+    """Compute rates at values between the bounds of each object, many near its target.
+
+    Returns for each object values in increasing order, the rates there, and the target [1/yr].
+    """
+    few_levels = _thin_out(site)
+
+    def estimate(owner: np.ndarray, value: np.ndarray, finely: bool) -> np.ndarray:
+        """Estimate rates, what is unknown of them, and their errors by narrow windows.
+
+        Windows that few levels miss come and go with the value, and so do the errors.
+        """
+        changed = change_objects(objects, owner, value, along)
+        tolerance = CLOSE if finely else _COARSE_WIDTH
+        place = site if finely else few_levels
+        table = compute_outcomes(*changed, place, model, tolerance=tolerance)
+        _, deviation = estimate_windows(table.overturned, table.rates, table.directions)
+        rate = table.contributions.mean(axis=0)
+        located = table.location_error.sum(axis=-1).mean(axis=0)
+        if finely:
+            # Within what location leaves unknown, the rate counts as above the target.
+            return np.stack([rate + located, 0 * located, deviation])
+        return np.stack([rate, located + _ERRORS * deviation, deviation])
+
+    grids = [_choose_first(low, high) for low, high in zip(*bounds, strict=True)]
+    owner = np.repeat(np.arange(targets.size), [grid.size for grid in grids])
+    value = np.concatenate(grids)
+    is_fine = np.zeros(value.size, bool)
+    estimates = estimate(owner, value, finely=False)
+    while True:
+        rate, unknown, deviation = estimates
+        distance = rate - targets[owner]
+        same = owner[1:] == owner[:-1]
+        crosses = same & ((distance[1:] > 0) != (distance[:-1] > 0))
+        beside = np.append(crosses, False) | np.append(False, crosses)
+        (near,) = np.nonzero(~is_fine & (beside | (abs(distance) <= unknown)))
+        if near.size:
+            is_fine[near] = True
+            estimates[:, near] = estimate(owner[near], value[near], finely=True)
+            continue
+        # It might cross the target and come back: if the nearer end is closer to the target
+        # than half of what the ends are apart and two standard errors, or what is unknown.
+        error = np.maximum(2 * deviation, unknown)
+        apart = 0.5 * abs(np.diff(rate)) + np.maximum(error[1:], error[:-1])
+        might = np.minimum(abs(distance[1:]), abs(distance[:-1])) <= apart
+        # Near 0, which a restitution may be, no interval would be narrow beside its end.
+        least = resolution * np.maximum(value[1:], 0.01 * bounds[1][owner[1:]])
+        (left,) = np.nonzero(same & (crosses | might) & (np.diff(value) > least))
+        if not left.size:
+            own = [owner == k for k in range(targets.size)]
+            return [(value[k], rate[k], float(t)) for k, t in zip(own, targets, strict=True)]
+        middle = 0.5 * (value[left] + value[left + 1])
+        added = estimate(owner[left], middle, finely=False)
+        estimates = np.insert(estimates, left + 1, added, axis=1)
+        owner = np.insert(owner, left + 1, owner[left])
+        value = np.insert(value, left + 1, middle)
+        is_fine = np.insert(is_fine, left + 1, False)
+
+
+def _thin_out(site: Site) -> Site:
+    """Return the site with a part of its levels, the last one included."""
+    levels = np.asarray(site.levels)
+    stride = max(1, int(_COARSE / np.diff(np.log(levels)).max()))
+    # The last level stands for all beyond.
+    place = np.append(np.arange(0, levels.size - 1, stride), levels.size - 1)
+    some = jax.device_put((levels[place], np.asarray(site.rates)[place]))
+    return eqx.tree_at(lambda site: (site.levels, site.rates), site, some)
+
+
+def _choose_first(low: float, high: float) -> np.ndarray:
+    """Choose the values that are examined at first."""
+    # Evenly in logarithms, since a rate is about a power of the size; a restitution of 0 has
+    # no logarithm.
+    if low == 0:
+        return np.linspace(low, high, _FIRST)
+    number = max(_FIRST, math.ceil(math.log(high / low) / _SPACING) + 1)
+    return np.geomspace(low, high, number)
+
+
+def _read_scan(
+    values: np.ndarray, rates: np.ndarray, target: float, along: str, last_rate: float
+) -> tuple[float, np.ndarray, str]:
+    """Read the value of one object from a scan, its crossings, and why it is what it is.
+
+    The value is NaN if the hazard ends before the target.
+    """
+    is_above = rates > target
+    (before,) = np.nonzero(is_above[1:] != is_above[:-1])
+    # On the safe side of each crossing, where the rate was computed to be below the target.
+    crossings = values[np.where(is_above[before], before + 1, before)]
+    upwards = along not in _SAFE_BELOW
+    bound, end = ("upper", -1) if upwards else ("lower", 0)
+    quantity = f"{UNITS.get(along, '')}, {SIZES_IN_WORDS.get(along, along)}".removeprefix(", ")
+    if is_above[end]:
+        reason = (
+            f"none: at the {bound} bound, {values[end]:.6g} {quantity}, the rate is still about"
+            f" {rates[end]:.3g} 1/yr, above {target:g} 1/yr"
+        )
+        return math.inf if upwards else -math.inf, crossings, reason
+    if last_rate > target:
+        return math.nan, crossings, f"not known: {describe_end(last_rate, target)}"
+    if not crossings.size:
+        value = values[-1 - end]
+        reason = f"the rate is below {target:g} 1/yr at all values examined"
+    else:
+        value = crossings[end]
+        where = "from there on" if upwards else "up to there"
+        times = f", which it crosses {crossings.size} times" * (crossings.size > 1)
+        reason = f"{where} the rate stays below {target:g} 1/yr{times}"
+    return float(value), crossings, f"{value:.6g} {quantity}: {reason}"

@@ -22,8 +22,9 @@ def pulses(samples):
     return jr.Suite([jr.Record(along, duration / samples) for duration in DURATIONS])
 
 
-def hazard(level):
-    return OFTEN * level**-POWER
+# Log-log linear, a power is the curve between two points.
+_ENDS = np.array([1e-3, 1e5])
+hazard = jr.Hazard(_ENDS, OFTEN * _ENDS**-POWER)
 
 
 def verge(measure, duration, half_width, slenderness, inertia_ratio):
