@@ -735,7 +735,8 @@ def test_commands_write_where_and_how_they_are_told(capsys, tmp_path, monkeypatc
     command = (name.split(" ")[0], *words, "--out", "target")
     for force in (False, True):
         code, _, err = run(capsys, *command, *(["--force"] if force else []))
-        assert (code, err) == (2, "jaxrock: error: nothing is written\n")
+        # Before it there may be lines of progress, on a slow machine.
+        assert (code, err.splitlines()[-1]) == (2, "jaxrock: error: nothing is written")
         assert told[-1][:2] == ("out", Path("target"))
         assert told[-1][3] is force
 

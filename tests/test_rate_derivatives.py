@@ -97,25 +97,6 @@ SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
 LEVELS = np.geomspace(0.9, 6.0, 40)
 
 
-@DOUBLE
-@SLOW
-def test_elasticities_in_closed_form():
-    """Levels 5 % apart and a change of less; an impact has no part in it."""
-    site = jr.Site(pulses(100), hazard, levels=LEVELS)
-    answer = jr.risk.rate_elasticities(
-        jr.Block(*SHAPE[:2]), 0.85, site, change=0.02, model="linearized"
-    )
-    for name, place in (("half_width", 0), ("slenderness", 1), ("inertia_ratio", 2)):
-        low, high = (
-            float(closed_rate("pgv", *(SHAPE * (1 + sign * 0.02 * np.eye(3)[place]))))
-            for sign in (-1, 1)
-        )
-        exact = (high - low) / 0.04 / float(closed_rate("pgv", *SHAPE))
-        k = answer.names.index(name)
-        assert float(answer.elasticity[k]) == pytest.approx(exact, abs=2e-3)
-    assert float(answer.elasticity[-1]) == 0
-
-
 @SLOW
 def test_elasticities_by_each_description():
     """The chain rule for a small change, in both precisions; each of two objects has its own."""

@@ -7,7 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 import scenes
-from references.half_sine_rates import DURATIONS, closed_rate, hazard, pulses, verge
+from references.half_sine_rates import closed_rate, hazard, pulses
 from scipy import optimize
 
 import jaxrock as jr
@@ -241,23 +241,3 @@ def test_derivatives_where_the_rate_is_not_smooth(monkeypatch):
     np.testing.assert_array_equal(np.isfinite(found), [True, False, True])
     np.testing.assert_array_equal(reverse, [np.nan, 0.0, 0.0])
     np.testing.assert_array_equal(forward, [np.nan, 0.0, 0.0])
-
-
-@pytest.mark.thorough
-def test_under_a_hazard_with_zeros():
-    """A width whose rate is the target, on a curve with level stretches that ends in zeros."""
-    levels = [0.5, 2.5, 3.0, 5.0, 6.0, 12.0, 20.0]
-    curve = jr.Hazard(levels, [1e-2, 1e-4, 1e-4, 2e-5, 2e-5, 0.0, 0.0])
-    site = jr.Site(pulses(400), curve)
-    found = jr.required_value(CABINET, 0.85, site, 3e-5, "width", (0.3, 2.0), **LINEARIZED)
-
-    def rate(width):
-        shape = width / 2, HEIGHT / width, 4 / 3
-        verges = [float(verge("pgv", duration, *shape)) for duration in DURATIONS]
-        places = np.log(verges)
-        rates = np.asarray(curve.rates)
-        in_logarithms = np.exp(np.interp(places, np.log(levels[:5]), np.log(rates[:5])))
-        falling = np.interp(places, np.log(levels), rates)
-        return np.where(places < np.log(6.0), in_logarithms, falling).mean()
-
-    assert rate(float(found.value) * 1.01) < 3e-5 < rate(float(found.value) * 0.98)

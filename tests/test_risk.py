@@ -185,32 +185,6 @@ def test_rate_in_closed_form():
     assert float(answer.rate) == pytest.approx(float(closed_rate("pgv", *SHAPE)), rel=1e-6)
 
 
-@DOUBLE
-def test_the_verge_is_that_of_a_pulse():
-    """Without records: the critical amplitude of a half-sine."""
-    found = jr.critical_amplitude(
-        BLOCK, RESTITUTION, jr.HalfSine, np.array(DURATIONS), model="linearized"
-    )
-    expected = [float(verge("pga", duration, *SHAPE)) for duration in DURATIONS]
-    np.testing.assert_allclose(found.value[:, 0], expected, rtol=1e-10)
-    np.testing.assert_array_equal(found.impacts[:, 0], 0)
-
-
-@SLOW
-@DOUBLE
-def test_rate_converges_with_the_samples():
-    """In levels of PGV what straight lines take from pulse and velocity cancels, not of PGA."""
-    expected = float(closed_rate("pga", *SHAPE))
-    levels = np.geomspace(2.5, 9.0, 40)
-    coarse, fine = (
-        float(rate_of_pulses(SHAPE, RESTITUTION, site_of_pulses(n, "pga", levels)).rate)
-        - expected
-        for n in (100, 200)
-    )
-    assert 3.5 < coarse / fine < 4.5
-    assert abs(fine) < 1e-3 * expected
-
-
 # A pulse of a full sine, under which a slender block has three boundaries.
 SINE = jr.Record(np.sin(np.linspace(0, 2 * np.pi, 400)), 0.5 / 400)
 SLIM = jr.Block(0.1, 5.0)
@@ -283,18 +257,6 @@ def test_an_incomplete_rate_names_the_record():
     assert float(answer.contributions[0]) == pytest.approx(float(hazard(levels[0])), rel=1e-12)
     verges = np.array([float(verge("pgv", duration, *SHAPE)) for duration in DURATIONS[1:]])
     np.testing.assert_allclose(answer.contributions[1:], hazard(verges), rtol=1e-6)
-
-
-@SLOW
-@DOUBLE
-def test_levels_by_default_are_those_of_the_hazard():
-    """A power is log-log linear: the curve between two points is the function itself."""
-    ends = LEVELS[[0, -1]]
-    curve = jr.Hazard(ends, hazard(ends))
-    for levels in (None, LEVELS):
-        answer = rate_of_pulses(SHAPE, RESTITUTION, jr.Site(pulses(400), curve, levels=levels))
-        exact = float(closed_rate("pgv", *SHAPE))
-        assert float(answer.rate) == pytest.approx(exact, rel=1e-6)
 
 
 @DOUBLE

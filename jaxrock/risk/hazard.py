@@ -130,7 +130,19 @@ class Hazard(Printed, Checked):
         return f"{self.statistic} hazard{of} {ends}".lstrip()
 
     def write_level(self, level: Number, unit: str = "") -> str:
-        """Write a level in the unit in which the curve was read, or else in a unit in SI."""
+        """Write a level in the unit in which the curve was read.
+
+        Parameters
+        ----------
+        level : float
+            In SI.
+        unit : str
+            Stands behind it where the curve has no unit.
+
+        Returns
+        -------
+        str
+        """
         factor = parse_unit(self.unit).factor if self.unit else 1.0
         return f"{level / factor:.4g} {self.unit or unit}".rstrip()
 

@@ -193,11 +193,12 @@ def _compute_rates(
 ) -> dict[str, np.ndarray]:
     """Compute what follows from outcomes, all of which are simulated in one batch.
 
-    Its last axis has the samples, the medians if they are none of these, the medians with a low
-    restitution, and those with a parameter at the ends of its change.
+    Its last axis has the samples, the medians if they are none of these, the medians with a
+    parameter at the ends of its change, and those with a low restitution.
     """
     block, restitution = _select(inventory, members)
-    low = np.asarray(compute_low_restitution(block)).astype(restitution.dtype)
+    assumed = np.asarray(inventory.restitution_assumed)[members]
+    low = np.where(assumed, compute_low_restitution(block), restitution)
     parameters = list_parameters(block, restitution, "sides")
     of_change = (parameters, INVENTORY_PARAMETERS, _CHANGE)
     sampled, coefficient = jax.tree.map(lambda leaf: leaf[members], draws)
@@ -208,9 +209,10 @@ def _compute_rates(
     if inventory.uncertain is not None:
         first = samples
         cases.append((median, restitution[:, None]))
-    cases.append((median, low[:, None]))
     if elasticities:
         cases.append(change_parameters(*of_change, block.one_sided))
+    if assumed.any():
+        cases.append((median, low[:, None]))
     blocks, coefficients = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *cases)
     table = compute_outcomes(blocks, coefficients, site, model)
     rates = np.asarray(table.contributions).mean(axis=0)
@@ -221,7 +223,6 @@ def _compute_rates(
         np.asarray(of_samples.look_up(reported)).mean(axis=2).sum(axis=0) / table.directions
     )
     interval = bound_probabilities(counts, site.suite.recordings, _CONFIDENCE)
-    assumed = np.asarray(inventory.restitution_assumed)[members]
     factors = [uplift_factor(block, record, model=model) for record in site.suite]
     lifted = np.stack(factors) * np.asarray(site.intensities)[:, None]
     remarks = zip(
@@ -239,11 +240,11 @@ def _compute_rates(
         "probability_high": interval[1],
         **{name: means[name] for name in ("rate", "standard_error", "not_detected")},
         "low_restitution": np.where(assumed, low, np.nan),
-        "rate_at_low_restitution": np.where(assumed, rates[:, first + 1], np.nan),
+        "rate_at_low_restitution": np.where(assumed, rates[:, -1], np.nan),
         "remark": np.array(["; ".join(filter(None, parts)) for parts in remarks]),
     }
     if elasticities:
-        ends = rates[:, first + 2 :]
+        ends = rates[:, first + 1 :][:, : 2 * len(INVENTORY_PARAMETERS)]
         answers["elasticity"] = compute_elasticities(*of_change, ends, rates[:, first])
     return answers
 
