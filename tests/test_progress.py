@@ -184,8 +184,6 @@ def test_steps_around_a_site_have_names_and_percentages(messages):
     text = messages.text
     for label, number in (
         ("required width, search for boundaries", 5),
-        ("required width, boundaries between values", 3),
-        ("boundaries between values", 3),
         ("elasticities, boundaries between values", 3),
     ):
         check_percents(read_percents(text, f" {label}"), number)

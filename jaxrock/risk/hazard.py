@@ -12,6 +12,7 @@ from ..tables import parse_unit
 from ..validation import (
     NON_NEGATIVE,
     POSITIVE,
+    AnyArray,
     Checked,
     Number,
     Numbers,
@@ -22,6 +23,7 @@ from ..validation import (
     as_text,
     check,
     check_increasing,
+    choose_namespace,
     is_traced,
     quantity,
 )
@@ -159,8 +161,10 @@ class Hazard(Printed, Checked):
         Array, shape (...)
             [1/yr]; NaN outside of the levels of the curve.
         """
-        level = as_real("level", level)
-        return _interpolate(self.levels, self.rates, level)
+        curve = (self.levels, self.rates, as_real("level", level))
+        # On the host where all is concrete: JAX would compile a program for each number of levels.
+        curve = curve if is_traced(curve) else jax.tree.map(np.asarray, curve)
+        return jnp.asarray(_interpolate(*curve), curve[1].dtype)
 
 
 def find_last_point(hazard: Hazard) -> int:
@@ -199,18 +203,19 @@ def check_levels(name: str, levels: Numbers, least: int = 1) -> Reals:
     return places
 
 
-@jax.jit
-def _interpolate(levels: Reals, rates: Reals, level: Reals) -> Reals:
+def _interpolate(levels: AnyArray, rates: AnyArray, level: AnyArray) -> AnyArray:
     """Interpolate rates by straight lines between logarithms; NaN outside."""
+    library = choose_namespace((levels, rates, level))
     inside = (level >= levels[0]) & (level <= levels[-1])
     # A level outside, and a rate of 0, are replaced before the logarithm: the derivative of the
     # branch that is not taken must not be NaN either.
-    points = jnp.log(levels)
-    at = jnp.log(jnp.where(inside, level, levels[0]))
+    points = library.log(levels)
+    at = library.log(library.where(inside, level, levels[0]))
     # What is not normal may be 0 to one operation and not to another.
     positive = rates >= jnp.finfo(rates.dtype).tiny
     # In logarithms the rate would never come down to 0, whatever the first level with 0 is.
     falls_to_zero = (at >= points[positive.sum() - 1]) & ~positive[-1]
-    in_logarithms = jnp.exp(jnp.interp(at, points, jnp.log(jnp.where(positive, rates, 1))))
-    rate = jnp.where(falls_to_zero, jnp.interp(at, points, rates), in_logarithms)
-    return jnp.where(inside, rate, jnp.nan)
+    logarithms = library.log(library.where(positive, rates, 1))
+    in_logarithms = library.exp(library.interp(at, points, logarithms))
+    rate = library.where(falls_to_zero, library.interp(at, points, rates), in_logarithms)
+    return library.where(inside, rate, library.nan)

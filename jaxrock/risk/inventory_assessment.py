@@ -219,9 +219,12 @@ def _compute_rates(
     of_samples = table.take(slice(samples))
     means = of_samples.average(with_samples=True)
     fits = fit_boundaries(of_samples)
-    counts = (
-        np.asarray(of_samples.look_up(reported)).mean(axis=2).sum(axis=0) / table.directions
-    )
+    # At the reported levels outcomes are simulated, whatever the levels beside them tell.
+    levels = np.union1d(np.asarray(site.levels)[[0, -1]], reported)
+    few = Site(site.suite, site.hazard, site.measure, levels)
+    outcomes = np.asarray(compute_outcomes(*cases[0], few, model, tolerance=1.0).overturned)
+    outcomes = outcomes[..., np.searchsorted(levels, reported)].mean(axis=2)
+    counts = outcomes.sum(axis=0) / table.directions
     interval = bound_probabilities(counts, site.suite.recordings, _CONFIDENCE)
     factors = [uplift_factor(block, record, model=model) for record in site.suite]
     lifted = np.stack(factors) * np.asarray(site.intensities)[:, None]

@@ -70,11 +70,7 @@ class OutcomeTable(NamedTuple):
     @property
     def overturned(self) -> AnyArray:
         """Whether the object overturns at each level, (records, ..., levels)."""
-        return self.look_up(self.levels)
-
-    def look_up(self, levels: AnyArray) -> AnyArray:
-        """Look up whether the object overturns at other levels, (records, ..., levels)."""
-        along_levels = levels.reshape(*(1 for _ in self.boundaries.shape), -1)
+        along_levels = self.levels.reshape(*(1 for _ in self.boundaries.shape), -1)
         at = self.boundaries[..., None]
         # NaN, where there is no boundary, is not below anything. A boundary that is a level is
         # below it where the object stands beyond.
@@ -173,9 +169,8 @@ def _tabulate(boundaries: Boundaries, falls: AnyArray, site: Site) -> OutcomeTab
     # Padded to a power of two of columns, so that few programs are compiled for derivatives.
     room = max(8, 1 << (columns - 1).bit_length())
     padding = [(0, 0)] * (boundaries.value.ndim - 1) + [(0, room - columns)]
-    traced = is_traced((boundaries, site))
     numbers = (boundaries, falls, site.levels, site.rates)
-    if not traced:
+    if not is_traced((boundaries, site)):
         # In NumPy before anything is computed: JAX would compile a program for each shape.
         numbers = jax.tree.map(np.asarray, numbers)
     boundaries, falls, levels, rates = numbers
@@ -188,7 +183,7 @@ def _tabulate(boundaries: Boundaries, falls: AnyArray, site: Site) -> OutcomeTab
     # A hazard need not be defined at NaN, where there is no boundary.
     at = library.stack([value, falls])
     at = library.where(library.isfinite(at), at, levels[0])
-    stands, overturns = site.hazard(at) if traced else site.exceed(at)
+    stands, overturns = library.asarray(site.hazard(at))
     exceedance = 0.5 * (stands + overturns), 0.5 * abs(stands - overturns)
     complete = boundaries.complete & (boundaries.count <= columns)
     outcomes = (value, begins, *exceedance, boundaries.overturns_first, complete)

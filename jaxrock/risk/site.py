@@ -6,7 +6,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..grids import apply_padded
 from ..ground_motion import Suite, require_positive_measures, warn_of_large_intensities
 from ..host import Printed
 from ..validation import (
@@ -102,21 +101,6 @@ class Site(Printed, eqx.Module):
         low, high = (float(level) for level in self.levels[jnp.array([0, -1])])
         levels = f"{len(self.levels)} levels of {self.measure} from {low:.4g} to {high:.4g}"
         return f"{self.suite}\n{self.hazard}\n{levels} {unit}"
-
-    def exceed(self, levels: np.ndarray) -> np.ndarray:
-        """Compute the rates at which concrete levels are exceeded, on the host.
-
-        Parameters
-        ----------
-        levels : ndarray, shape (...)
-            Inside of the hazard curve [m/s or m/s2].
-
-        Returns
-        -------
-        ndarray, shape (...)
-            [1/yr]
-        """
-        return apply_padded(self.hazard, levels.reshape(-1)).reshape(levels.shape)
 
 
 def require_single_scales(suite: Suite) -> None:
