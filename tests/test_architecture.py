@@ -75,7 +75,7 @@ CODE_LINES = {
     "accuracy": 644,
     "grids": 786,
     "spectra": 812,
-    "risk": 1979,
+    "risk": 1980,
     "plot": 1676,
     "reports": 808,
     "cli": 2863,
