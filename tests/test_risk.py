@@ -333,6 +333,11 @@ def test_medians_of_located_boundaries():
     options = {"measure": "pga", "thresholds": ["uplift", "overturning"]}
     curves = jr.fragility(BLOCK, RESTITUTION, suite, levels, **options)
     assert float(curves.lognormal_median[0]) == pytest.approx(9.81 / 4, rel=2e-3)
+    # Uplift is located below the levels as well, and is no guess of a curve.
+    above = jr.fragility(BLOCK, RESTITUTION, suite, levels[4:], **options)
+    assert float(above.lognormal_median[0]) == pytest.approx(9.81 / 4, rel=2e-3)
+    assert levels[4] > 9.81 / 4
+    assert "outside" not in str(above.remark.values[0])
     boundaries = []
     for record, peak in zip(suite, np.asarray(suite.measure("pga")), strict=True):
         low = 9.81 / 4

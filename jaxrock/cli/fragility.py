@@ -136,8 +136,8 @@ def fragility(  # noqa: PLR0913
                 by = "shape" if block_options.height is None else "sides"
                 changes = rate_elasticities(block, c, site, model=model, by=by)
                 lines.append(str(changes))
-                of_each = zip(changes.names, changes.elasticity.tolist(), strict=True)
-                data["elasticities"] = dict(of_each)
+                pairs = zip(changes.names, changes.elasticity.tolist(), strict=True)
+                data["elasticities"] = dict(pairs)
     files = [target / name for name in _FILES]
     return Answer("\n".join(lines), data, output, files)
 
@@ -180,17 +180,18 @@ def _describe_curves(
     names = [str(name) for name in curves.threshold.values]
     descriptions = [_describe_threshold(name) for name in names]
     levels = curves.level.values
+    # The levels may not reach a median; uplift is located below them as well.
+    shown = [
+        x if x <= levels[-1] and (name == "uplift" or x >= levels[0]) else "-"
+        for name, x in zip(names, median.tolist(), strict=True)
+    ]
     lines = [
         f"{suite}, {levels.size} levels of {measure}, {levels[0]:.4g} to"
         f" {levels[-1]:.4g}{unit and f' {unit}'}",
         format_table(
             f"lognormal curves of the level of {measure} from which on the block would ...",
             descriptions,
-            **{
-                f"median{unit and f' [{unit}]'}": [
-                    x if levels[0] <= x <= levels[-1] else "-" for x in median.tolist()
-                ]
-            },
+            **{f"median{unit and f' [{unit}]'}": shown},
             dispersion=dispersion,
         ),
     ]

@@ -50,7 +50,7 @@ def inventory(  # noqa: PLR0913
     target: float | None = None,
     target_return_period: float | None = None,
     measure: Literal["pgv", "pga"] = "pgv",
-    required_width: bool = True,
+    no_required_width: bool = False,
     elasticities: bool = False,
     model: ModelName = "nonlinear",
     title: str | None = None,
@@ -88,8 +88,8 @@ def inventory(  # noqa: PLR0913
         The return period of the tolerated rate, 1 over the target [yr].
     measure
         Peak ground velocity [m/s] or acceleration [m/s2].
-    required_width
-        Search the width that each object needs for the target, which takes most of the time.
+    no_required_width
+        Leave out the search for the width that each object needs, which takes most of the time.
     elasticities
         Compute by how many per cent the rate of each object changes if its width, its height or
         its restitution changes by 1 %.
@@ -132,7 +132,7 @@ def inventory(  # noqa: PLR0913
             objects,
             site,
             rate,
-            required_width=required_width,
+            required_width=not no_required_width,
             elasticities=elasticities,
             model=model,
         )
@@ -250,9 +250,9 @@ def _label_entries(
     dims = variable.dims[1:]
     if not dims:
         return [((), "")]
-    words = map(str, assessed["written" if dims[0] == "level" else dims[0]].values)
+    labels = map(str, assessed["written" if dims[0] == "level" else dims[0]].values)
     before = {"level": " at ", "parameter": " to ", "column": ": "}[str(dims[0])]
-    return [((k,), f"{before}{word}") for k, word in enumerate(words)]
+    return [((k,), f"{before}{word}") for k, word in enumerate(labels)]
 
 
 def _write_table(assessed: "xarray.Dataset") -> str:
@@ -282,9 +282,9 @@ def _write_table(assessed: "xarray.Dataset") -> str:
     short = [name[:_LONGEST_NAME] for name in names]
     table = format_table(title, short, **columns)
     # The last columns are as wide as their words.
-    ends = ["", "  once in [yr]; for the target"]
-    ends += [f"  {describe_years(answer)}; {answer.need.values}" for answer in answers]
-    lines = zip(table.splitlines(), ends, strict=True)
+    last = ["", "  once in [yr]; for the target"]
+    last += [f"  {describe_years(answer)}; {answer.need.values}" for answer in answers]
+    lines = zip(table.splitlines(), last, strict=True)
     return "\n".join(line + end for line, end in lines)
 
 

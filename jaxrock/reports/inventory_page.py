@@ -13,8 +13,6 @@ from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ..ground_motion import MEASURES
 from ..risk import (
     MISSES,
@@ -82,6 +80,7 @@ def write_inventory_page(
     elements = {
         "actions": _write_rows(dataset, _describe_action),
         "pictures": "\n".join(map(_write_picture, pictures)),
+        "matters": '<th class="words">matters most</th>' * ("elasticity" in dataset),
         "objects": _write_rows(dataset, _describe_object),
         "levels": "".join(
             f"<th>at {html.escape(level)}, {write_years(years)} years</th>"
@@ -180,18 +179,18 @@ def _describe_object(answer: "xarray.Dataset") -> dict[str, str]:
     coefficient = float(answer.coefficient_of_variation)
     notes = [f"{100 * coefficient:.0f} %"] * bool(coefficient)
     notes += [f"{name_theory(answer)}, assumed"] * bool(answer.restitution_assumed)
-    important = _DASH
-    if "elasticity" in answer and np.isfinite(answer.elasticity).any():
-        most = answer.elasticity[int(np.nanargmax(abs(answer.elasticity)))]
-        important = f"{most.parameter.values} ({float(most):+.1f})"
-    return {
+    cells = {
         "size": f"{float(answer.width):.4g} {_TIMES} {float(answer.height):.4g}",
         "words": describe_place(answer) or "free",
         "restitution": f"{float(answer.restitution):.3f}{_bracket(*notes)}",
         "uplift": _write_number(answer.uplift_intensity),
         "median": f"{_write_number(answer['median'])}{_bracket(_write_number(answer.dispersion))}",
-        "important": important,
     }
+    if "elasticity" in answer:
+        most = answer.elasticity[int(abs(answer.elasticity).fillna(0).argmax("parameter"))]
+        number = f"{float(most):+.1f}" if math.isfinite(most) else _DASH
+        cells["important"] = f"{most.parameter.values} ({number})"
+    return cells
 
 
 def _describe_rates(answer: "xarray.Dataset") -> dict[str, str]:
@@ -247,8 +246,8 @@ def list_remarks(dataset: "xarray.Dataset") -> list[str]:
     for k, name in enumerate(dataset.object.values.tolist()):
         answer = dataset.isel(object=k)
         remarks = str(answer.remark.values).split("; ")
-        if str(answer.verdict.values) == NOT_KNOWN:
-            remarks.append(f"not known whether it meets the target: {_describe_end(dataset)}")
+        if str(answer.need.values).endswith(NOT_KNOWN):
+            remarks.append(f"{answer.need.values}: {_describe_end(dataset)}")
         for remark in filter(None, remarks):
             names_by_remark.setdefault(remark, []).append(name)
     return [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]

@@ -36,7 +36,7 @@ Threshold = float | int | str
 # overturns exceeds all of them.
 NAMED_THRESHOLDS: dict[Threshold, float] = {"uplift": 0.0, "overturning": np.inf}
 _CONFIDENCE = 0.95  # of the intervals
-OF_MEASURE = "measure"  # a variable in the unit of the measure
+MEASURE_UNIT = "measure"  # a variable in the unit of the measure
 _OF_LEVELS = "object threshold level"
 _OF_CURVES = "object threshold"
 _OF_RESPONSES = "record object sample level"
@@ -47,7 +47,7 @@ _VARIABLES: dict[str, tuple[str, str, str]] = {
     "exceedance_low": (_OF_LEVELS, "lower limit of the Clopper-Pearson interval", "1"),
     "exceedance_high": (_OF_LEVELS, "upper limit of the Clopper-Pearson interval", "1"),
     "lognormal": (_OF_LEVELS, "maximum-likelihood lognormal fragility curve", "1"),
-    "lognormal_median": (_OF_CURVES, "median of the lognormal curve", OF_MEASURE),
+    "lognormal_median": (_OF_CURVES, "median of the lognormal curve", MEASURE_UNIT),
     "lognormal_dispersion": (_OF_CURVES, f"{_DISPERSION} of that curve", "1"),
     "remark": (_OF_CURVES, "remark on the lognormal curve", ""),
     "rotation_ratio": (_OF_RESPONSES, "peak rotation over critical angle", "1"),
@@ -141,7 +141,8 @@ def fragility(
     # The directions of a record count as one record, by their mean; samples by theirs.
     counts = table.exceed(limits).mean(axis=2).sum(axis=0) / suite.directions
     owner, limit, boundary, sign = table.locate_boundaries(limits)
-    weight = sign / (table.rotation_ratio.shape[2] * suite.directions)
+    samples = table.rotation_ratio.shape[2]
+    weight = sign / (samples * suite.directions)
 
     def compute_curve(k: int, t: int) -> dict[str, np.ndarray | float | str]:
         """Compute the curve of an object and a threshold, by their numbers."""
@@ -159,9 +160,8 @@ def fragility(
         values[name] = np.array([[curve[name] for curve in row] for row in curves])
     long_name, unit, _ = MEASURES[measure]
     variables = label_variables(_VARIABLES, values, unit)
-    samples = np.arange(1 if uncertain is None else uncertain.samples)
     coordinates = {
-        "sample": ("sample", samples, describe_axis("sample")),
+        "sample": ("sample", np.arange(samples), describe_axis("sample")),
         "level": ("level", levels, describe_variable(long_name, unit)),
     }
     parameters = {**size_of(block, "shape"), "restitution": coefficient}
@@ -226,7 +226,7 @@ def label_variables(
     labelled = {}
     for name, array in values.items():
         dims, long_name, unit = descriptions[name]
-        unit = measure_unit if unit == OF_MEASURE else unit
+        unit = measure_unit if unit == MEASURE_UNIT else unit
         labelled[name] = (dims.split(), array, describe_variable(long_name, unit))
     return labelled
 
@@ -259,17 +259,21 @@ def _compute_curve(
     # A record counts by the fraction of its samples, whose variance is smaller than that of a
     # single outcome with the same mean: the interval is too wide, never too narrow.
     low, high = bound_probabilities(counts, records, _CONFIDENCE)
-    curve = fit_lognormal(boundaries, weights, counts[0], records - counts[-1], levels)
+    # Of uplift also the boundaries below the levels are known: then no record is without one.
+    below = round(float(counts[-1] - weights.sum()), 9)
+    curve = fit_lognormal(boundaries, weights, below, records - float(counts[-1]), levels)
     fitted = curve.at(levels)
     remarks = [curve.remark]
-    if curve.median != curve.median_within(levels) and curve.median > 0:
+    if curve.median > levels[-1] or (below and curve.median < levels[0]):
         remarks.append("the median lies outside of the levels")
     # Counts need not increase with the level: a block that a record overturns may survive the
     # same record made stronger. A lognormal curve hides that, so the remark says it.
     falls = int((np.diff(counts) < 0).sum())
     if falls:
-        places = f"{falls} level{'s' * (falls > 1)}"
-        remarks.append(f"at {places} fewer records exceed it than at the next lower level")
+        s = "s" * (falls > 1)
+        remarks.append(
+            f"at {falls} level{s} fewer records exceed it than at the next lower level"
+        )
     return {
         "exceedance": counts / records,
         "exceedance_low": low,

@@ -128,8 +128,8 @@ class Hazard(Printed, Checked):
         low, high = (self.write_level(level) for level in self.levels[::last][:2])
         often, seldom = self.rates[::last][:2]
         of = f" of {self.measure}" if self.measure else ""
-        ends = f"from {often:.4g} 1/yr at {low} to {seldom:.4g} 1/yr at {high}"
-        return f"{self.statistic} hazard{of} {ends}".lstrip()
+        span = f"from {often:.4g} 1/yr at {low} to {seldom:.4g} 1/yr at {high}"
+        return f"{self.statistic} hazard{of} {span}".lstrip()
 
     def write_level(self, level: Number, unit: str = "") -> str:
         """Write a level in the unit in which the curve was read.
@@ -191,16 +191,16 @@ def describe_end(last_rate: float, target: float) -> str:
 
 def check_levels(name: str, levels: Numbers, least: int = 1) -> Reals:
     """Return levels as an array; a `ValueError` if they do not increase, or are too few."""
-    places = as_real(name, levels)
-    check(name, places, POSITIVE)
-    if places.ndim != 1 or len(places) < least:
-        values = "two values" if least > 1 else "one value"
+    checked = as_real(name, levels)
+    check(name, checked, POSITIVE)
+    if checked.ndim != 1 or len(checked) < least:
+        number = "two values" if least > 1 else "one value"
         raise ValueError(
-            f"{name} must be one-dimensional, of at least {values}, got an array of shape"
-            f" {places.shape}"
+            f"{name} must be one-dimensional, of at least {number}, got an array of shape"
+            f" {checked.shape}"
         )
-    check_increasing(name, places)
-    return places
+    check_increasing(name, checked)
+    return checked
 
 
 def _interpolate(levels: AnyArray, rates: AnyArray, level: AnyArray) -> AnyArray:

@@ -136,17 +136,15 @@ def assess_inventory(
     reported = _choose_reported_levels(site)
     objects = gather_objects(inventory.block, inventory.restitution)
     draws = draw_objects(objects, inventory.uncertain)[:2]
-    places = []
+    groups = [*_list_sites(inventory, site)]
     answers = []
-    for members, place in show_progress([*_list_places(inventory, site)], "groups of objects"):
-        answer = _compute_rates(
-            inventory, members, draws, place, model, reported, elasticities
-        )
+    for members, own_site in show_progress(groups, "groups of objects"):
+        parts = (members, draws, own_site, model, reported, elasticities)
+        answer = _compute_rates(inventory, *parts)
         if required_width:
-            answer |= _search_widths(*_select(inventory, members), place, target, model)
-        places.append(members)
+            answer |= _search_widths(*_select(inventory, members), own_site, target, model)
         answers.append(answer)
-    order = np.argsort(np.concatenate(places))
+    order = np.argsort(np.concatenate([members for members, _ in groups]))
     joined = {
         name: np.concatenate([answer[name] for answer in answers])[order]
         for name in answers[0]
@@ -154,7 +152,7 @@ def assess_inventory(
     return make_inventory_dataset(inventory, site, target, model, reported, joined)
 
 
-def _list_places(inventory: Inventory, site: Site) -> Iterator[tuple[np.ndarray, Site]]:
+def _list_sites(inventory: Inventory, site: Site) -> Iterator[tuple[np.ndarray, Site]]:
     """List objects that feel the same motions, by their numbers, and the site of each group."""
     period = np.asarray(inventory.floor_period)
     floor = np.stack([inventory.floor_damping, inventory.floor_participation])
@@ -166,10 +164,8 @@ def _list_places(inventory: Inventory, site: Site) -> Iterator[tuple[np.ndarray,
             suite = suite.on_floor(period, *floor, time_step=choose_floor_step(period))
         if is_one_sided and suite.directions == 1:
             suite = suite.both_directions()
-        yield (
-            np.flatnonzero(group == k),
-            Site(suite, site.hazard, site.measure, site.levels),
-        )
+        own_site = Site(suite, site.hazard, site.measure, site.levels)
+        yield np.flatnonzero(group == k), own_site
 
 
 def _select(inventory: Inventory, members: np.ndarray) -> tuple[Block, np.ndarray]:
@@ -177,9 +173,8 @@ def _select(inventory: Inventory, members: np.ndarray) -> tuple[Block, np.ndarra
     block, restitution = jax.tree.map(
         lambda leaf: np.asarray(leaf)[members], (inventory.block, inventory.restitution)
     )
-    return block_of(
-        size_of(block, "shape"), bool(inventory.one_sided[members[0]])
-    ), restitution
+    one_sided = bool(inventory.one_sided[members[0]])
+    return block_of(size_of(block, "shape"), one_sided), restitution
 
 
 def _compute_rates(
@@ -200,7 +195,7 @@ def _compute_rates(
     assumed = np.asarray(inventory.restitution_assumed)[members]
     low = np.where(assumed, compute_low_restitution(block), restitution)
     parameters = list_parameters(block, restitution, "sides")
-    of_change = (parameters, INVENTORY_PARAMETERS, _CHANGE)
+    change = (parameters, INVENTORY_PARAMETERS, _CHANGE)
     sampled, coefficient = jax.tree.map(lambda leaf: leaf[members], draws)
     cases = [(block_of(size_of(sampled, "shape"), block.one_sided), coefficient)]
     samples = coefficient.shape[1]
@@ -210,15 +205,15 @@ def _compute_rates(
         first = samples
         cases.append((median, restitution[:, None]))
     if elasticities:
-        cases.append(change_parameters(*of_change, block.one_sided))
+        cases.append(change_parameters(*change, block.one_sided))
     if assumed.any():
         cases.append((median, low[:, None]))
     blocks, coefficients = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *cases)
     table = compute_outcomes(blocks, coefficients, site, model)
     rates = np.asarray(table.contributions).mean(axis=0)
-    of_samples = table.take(slice(samples))
-    means = of_samples.average(with_samples=True)
-    fits = fit_boundaries(of_samples)
+    sample_table = table.take(slice(samples))
+    means = sample_table.average(with_samples=True)
+    fits = fit_boundaries(sample_table)
     # At the reported levels outcomes are simulated, whatever the levels beside them tell.
     levels = np.union1d(np.asarray(site.levels)[[0, -1]], reported)
     few = Site(site.suite, site.hazard, site.measure, levels)
@@ -247,8 +242,8 @@ def _compute_rates(
         "remark": np.array(["; ".join(filter(None, parts)) for parts in remarks]),
     }
     if elasticities:
-        ends = rates[:, first + 1 :][:, : 2 * len(INVENTORY_PARAMETERS)]
-        answers["elasticity"] = compute_elasticities(*of_change, ends, rates[:, first])
+        changed = rates[:, first + 1 :][:, : 2 * len(INVENTORY_PARAMETERS)]
+        answers["elasticity"] = compute_elasticities(*change, changed, rates[:, first])
     return answers
 
 
@@ -261,7 +256,7 @@ def _search_widths(
     with name_work("required width"):
         required = search_value(
             (block, restitution, site, np.asarray(target)),
-            ends=(_NARROWEST * sizes["width"], highest),
+            bounds=(_NARROWEST * sizes["width"], highest),
             along="width",
             model=model,
             resolution=_RESOLUTION,
@@ -278,7 +273,7 @@ def _choose_reported_levels(site: Site) -> np.ndarray:
     rates = np.asarray(site.hazard.rates, float)
     rates = rates[rates > 0]
     often, seldom = np.asarray(site.rates, float)[[0, -1]]
-    of_codes = 1 / np.array(_RETURN_PERIODS)
-    wanted = of_codes[(of_codes <= often) & (of_codes >= max(seldom, rates[-1]))]
+    wanted = 1 / np.array(_RETURN_PERIODS)
+    wanted = wanted[(wanted <= often) & (wanted >= max(seldom, rates[-1]))]
     logarithms = np.log(np.asarray(site.hazard.levels, float)[: rates.size])
     return np.exp(np.interp(-np.log(wanted), -np.log(rates), logarithms))

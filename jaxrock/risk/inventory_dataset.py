@@ -1,4 +1,4 @@
-"""The dataset of an assessed inventory, and what it says of an object in words."""
+"""The dataset of an assessed inventory, and sentences about one object of it."""
 
 import math
 from typing import TYPE_CHECKING
@@ -9,7 +9,7 @@ from ..block import SIZES_IN_WORDS, size_of
 from ..ground_motion import MEASURES, describe_suite
 from ..host import add_names, make_dataset
 from ..resonance import RockingModel
-from .fragility_curves import OF_MEASURE, describe_variable, label_variables
+from .fragility_curves import MEASURE_UNIT, describe_variable, label_variables
 from .hazard import write_years
 from .inventory import Inventory
 from .site import Site
@@ -23,7 +23,7 @@ NOT_KNOWN = "not known"
 # Parameters whose importance is told: what can be built or chosen for an object.
 INVENTORY_PARAMETERS = ("width", "height", "restitution")
 # Dimensions, long name and unit of each answer.
-_WORDS: dict[str, tuple[str, str, str]] = {
+_VARIABLES: dict[str, tuple[str, str, str]] = {
     "one_sided": ("object", "whether it stands against a wall", ""),
     "floor_period": ("object", "period of its floor, 0 on the ground floor", "s"),
     "floor_damping": ("object", "damping ratio of its floor", "1"),
@@ -35,8 +35,8 @@ _WORDS: dict[str, tuple[str, str, str]] = {
     "restitution_assumed": ("object", "whether the restitution follows from size", ""),
     "low_restitution": ("object", "low end of the likely restitutions, where assumed", "1"),
     "coefficient_of_variation": ("object", "coefficient of variation of restitution", "1"),
-    "uplift_intensity": ("object", "median of the lognormal curve of uplift", OF_MEASURE),
-    "median": ("object", "median of the lognormal curve of overturning", OF_MEASURE),
+    "uplift_intensity": ("object", "median of the lognormal curve of uplift", MEASURE_UNIT),
+    "median": ("object", "median of the lognormal curve of overturning", MEASURE_UNIT),
     "dispersion": ("object", "dispersion of the curve: deviation of ln(level)", "1"),
     "probability": ("object level", "probability of overturning at this level", "1"),
     "probability_low": ("object level", "lower end of its Clopper-Pearson interval", "1"),
@@ -65,18 +65,18 @@ def make_inventory_dataset(
     answers: dict[str, np.ndarray],
 ) -> "xarray.Dataset":
     """Make the dataset of the answers, ranked by rate; see `assess_inventory`."""
-    measure_in_words, unit, _ = MEASURES[site.measure]
+    measure_name, unit, _ = MEASURES[site.measure]
     answers = {**_describe_objects(inventory), **answers}
     answers |= _judge_rates(answers, target)
     order = np.argsort(-answers["rate"], kind="stable")
     ranked = {name: values[order] for name, values in answers.items()}
-    variables = label_variables(_WORDS, ranked, unit)
+    variables = label_variables(_VARIABLES, ranked, unit)
     inside = reported.clip(*np.asarray(site.hazard.levels)[[0, -1]])
     periods = 1 / np.asarray(site.hazard(inside))
     written = [site.hazard.write_level(level, unit) for level in reported.tolist()]
     return_period = describe_variable("return period of the level", "yr")
     coordinates = {
-        "level": ("level", reported, describe_variable(measure_in_words, unit)),
+        "level": ("level", reported, describe_variable(measure_name, unit)),
         "return_period": ("level", periods, return_period),
         "written": ("level", written, {"long_name": "level in the unit of the hazard"}),
         "rank": ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"}),
@@ -96,8 +96,8 @@ def make_inventory_dataset(
     dataset = make_dataset(title, variables, coordinates, attributes)
     names = {"object": ([inventory.names[k] for k in order], "object")}
     if "elasticity" in answers:
-        words = [SIZES_IN_WORDS.get(name, name) for name in INVENTORY_PARAMETERS]
-        names["parameter"] = (words, "parameter")
+        parameters = [SIZES_IN_WORDS.get(name, name) for name in INVENTORY_PARAMETERS]
+        names["parameter"] = (parameters, "parameter")
     if inventory.others:
         names["column"] = ([name for name, _ in inventory.others], "column of the table")
     return add_names(dataset, **names)
@@ -144,26 +144,26 @@ def _judge_rates(answers: dict[str, np.ndarray], target: float) -> dict[str, np.
     return {
         "probability_in_50_years": -np.expm1(-50 * rate),
         "verdict": verdict,
-        "need": np.array([describe_need(*row) for row in rows]),
+        "need": np.array([_describe_need(*row) for row in rows]),
     }
 
 
 def describe_place(answer: "xarray.Dataset") -> str:
     """Describe where one object stands, if it stands at a wall or on a floor."""
     period = float(answer.floor_period)
-    places = ["at a wall"] * bool(answer.one_sided)
-    places += [f"floor {period:.3g} s ({float(answer.floor_damping):.2g})"] * bool(period)
-    return ", ".join(places)
+    wall = ["at a wall"] * bool(answer.one_sided)
+    floor = [f"floor {period:.3g} s ({float(answer.floor_damping):.2g})"] * bool(period)
+    return ", ".join(wall + floor)
 
 
-def describe_need(verdict: str, width: float, required: float | None) -> str:
+def _describe_need(verdict: str, width: float, required: float | None) -> str:
     """Describe in words whether an object needs another width for the target."""
     if verdict != MISSES:
         return "suffices" if verdict == MEETS else NOT_KNOWN
     if required is None:
         return MISSES
     if math.isnan(required):
-        return "which width suffices is not known"
+        return f"required width {NOT_KNOWN}"
     if math.isinf(required):
         return "no width suffices"
     if required > width:

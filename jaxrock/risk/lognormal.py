@@ -96,18 +96,18 @@ def fit_lognormal(
         return LognormalFit(np.nan, np.nan, remark)
     low, high = np.log(np.asarray(levels, float))[[0, -1]]
     logarithms = np.log(boundaries)
-    # As if the boundaries of records without one were at the ends.
-    places = np.append(logarithms, [low, high])
+    # As if the boundaries of records without one were at the outer levels.
+    extended = np.append(logarithms, [low, high])
     numbers = np.append(weights, [below, above])
-    mean = np.average(places, weights=numbers)
-    dispersion = max(np.average((places - mean) ** 2, weights=numbers), 0.0) ** 0.5
+    mean = np.average(extended, weights=numbers)
+    dispersion = max(np.average((extended - mean) ** 2, weights=numbers), 0.0) ** 0.5
     if dispersion < _LEAST_DISPERSION:
         remark = "the same level under all records" if numbers.sum() > 1 else "a single record"
         return LognormalFit(float(np.exp(mean)), 0.0, remark)
     if below + above == 0:
         return LognormalFit(float(np.exp(mean)), float(dispersion))
     # Scaled to mean 0 and dispersion 1, as searches like it.
-    scaled = (places - mean) / dispersion
+    scaled = (extended - mean) / dispersion
     offset, logarithm = _maximize_likelihood(scaled[:-2], weights, (below, above), scaled[-2:])
     if logarithm <= 0.1 - np.log(_LARGEST_DISPERSION):
         return LognormalFit(np.nan, np.nan, "the probability does not increase with the level")
@@ -116,7 +116,7 @@ def fit_lognormal(
 
 
 def _maximize_likelihood(
-    places: np.ndarray, weights: np.ndarray, censored: tuple[float, float], ends: np.ndarray
+    located: np.ndarray, weights: np.ndarray, censored: tuple[float, float], limits: np.ndarray
 ) -> np.ndarray:
     """Maximize the likelihood over Olsen's parameters, of increasing outcomes concave in them.
 
@@ -128,10 +128,10 @@ def _maximize_likelihood(
     def compute_negative_log_likelihood(parameters: np.ndarray) -> float:
         offset, logarithm = parameters
         inverse = np.exp(logarithm)
-        located = weights @ (logarithm - 0.5 * (inverse * places - offset) ** 2)
-        below = censored[0] * log_ndtr(inverse * ends[0] - offset)
-        above = censored[1] * log_ndtr(offset - inverse * ends[1])
-        return -(located + below + above)
+        inside = weights @ (logarithm - 0.5 * (inverse * located - offset) ** 2)
+        below = censored[0] * log_ndtr(inverse * limits[0] - offset)
+        above = censored[1] * log_ndtr(offset - inverse * limits[1])
+        return -(inside + below + above)
 
     return minimize(
         compute_negative_log_likelihood,

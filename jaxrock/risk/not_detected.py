@@ -58,9 +58,8 @@ def bound_not_detected(
     all_steps = library.broadcast_to(steps, changed.shape)
     widest = library.where(changed, all_steps, 0).max(axis=-1).max(axis=1)
     widest = library.where(changed.any(axis=-1).any(axis=1), widest, steps.max()).mean(axis=0)
-    missed = width + 2 * deviation
     # Beyond the last level anything may happen.
-    return missed + _RULE_OF_THREE * widest / changed.shape[1] + rates[-1]
+    return width + 2 * deviation + _RULE_OF_THREE * widest / changed.shape[1] + rates[-1]
 
 
 def estimate_windows(

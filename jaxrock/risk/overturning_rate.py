@@ -90,9 +90,9 @@ class OverturningRate(Printed, eqx.Module):
             ]
         else:
             lines = [f"overturns at a rate of {written}"]
+        number = f"{len(self.records) // self.directions} records"
         ways = " in both directions" * (self.directions == 2)
-        records = f"{len(self.records) // self.directions} records{ways}"
-        lines.append(f"standard error {error} from {records}")
+        lines.append(f"standard error {error} from {number}{ways}")
         changes = "undetected windows, and levels beyond the last, change it by"
         lines.append(f"{changes} {bound} at most (95 %)")
         if self.sample_rates is not None:

@@ -110,9 +110,9 @@ def rate_elasticities(
     changed = change_parameters(parameters, names, change, objects[0].one_sided)
     with name_work("elasticities"):
         table = compute_outcomes(*changed, site, model, tolerance=_TOLERANCE)
-    ends = np.asarray(table.contributions.mean(axis=0))
-    elasticity = compute_elasticities(parameters, names, change, ends, np.asarray(rate.rate))
-    elasticity = jax.device_put(np.moveaxis(elasticity, -1, 0).astype(ends.dtype))
+    rates = np.asarray(table.contributions.mean(axis=0))
+    elasticity = compute_elasticities(parameters, names, change, rates, np.asarray(rate.rate))
+    elasticity = jax.device_put(np.moveaxis(elasticity, -1, 0).astype(rates.dtype))
     return RateElasticities(names, elasticity, float(change), rate)
 
 
@@ -132,16 +132,16 @@ def change_parameters(
 
     Returns blocks and restitutions of shape (..., 2 names): all lower values, then all higher.
     """
-    ends = {}
+    changed = {}
     for name, values in parameters.items():
-        ends[name] = np.repeat(values[..., None], 2 * len(names), axis=-1)
+        changed[name] = np.repeat(values[..., None], 2 * len(names), axis=-1)
         if name in names:
             k = names.index(name)
-            ends[name][..., [k, k + len(names)]] = _choose_ends(name, values, change)
-    return block_of(ends, one_sided), ends["restitution"]
+            changed[name][..., [k, k + len(names)]] = _choose_values(name, values, change)
+    return block_of(changed, one_sided), changed["restitution"]
 
 
-def _choose_ends(name: str, values: np.ndarray, change: float) -> np.ndarray:
+def _choose_values(name: str, values: np.ndarray, change: float) -> np.ndarray:
     """Choose a lower and a higher value of a parameter, (..., 2)."""
     low = values * (1 - change)
     high = values * (1 + change)
@@ -157,17 +157,17 @@ def compute_elasticities(
     parameters: Mapping[str, np.ndarray],
     names: Sequence[str],
     change: float,
-    ends: np.ndarray,
+    changed_rates: np.ndarray,
     rate: np.ndarray,
 ) -> np.ndarray:
-    """Compute elasticities from the rates (..., 2 names) at the ends of `change_parameters`.
+    """Compute elasticities from the rates (..., 2 names) at the values of `change_parameters`.
 
     Returns an array of shape (..., names): NaN where the rate or the parameter is 0.
     """
-    low, high = np.moveaxis(ends.reshape(*rate.shape, 2, len(names)), -2, 0)
+    low, high = np.moveaxis(changed_rates.reshape(*rate.shape, 2, len(names)), -2, 0)
     values = np.stack([parameters[name] for name in names], axis=-1)
     spans = [
-        np.diff(_choose_ends(name, parameters[name], change), axis=-1)[..., 0]
+        np.diff(_choose_values(name, parameters[name], change), axis=-1)[..., 0]
         for name in names
     ]
     with np.errstate(invalid="ignore", divide="ignore"):

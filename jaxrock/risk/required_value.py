@@ -3,6 +3,7 @@
 import functools
 import itertools
 import math
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -184,7 +185,7 @@ def required_value(
         raise ValueError(f"bounds must be a lower and a higher value, got {low} and {high}")
     parts = (block, read_restitution(block, restitution), site, target)
     with name_work(f"required {along.replace('_', '-')}"):
-        return search_value(parts, ends=(low, high), along=along, model=as_model(model))
+        return search_value(parts, bounds=(low, high), along=along, model=as_model(model))
 
 
 _Parts = tuple[Block, AnyArray, Site, AnyArray]
@@ -194,7 +195,7 @@ _Parts = tuple[Block, AnyArray, Site, AnyArray]
 def search_value(
     parts: _Parts,
     *,
-    ends: tuple[AnyArray, AnyArray],
+    bounds: tuple[AnyArray, AnyArray],
     along: str,
     model: RockingModel,
     resolution: float = _RESOLUTION,
@@ -207,14 +208,14 @@ def search_value(
     check_concrete(parts, "the search depends on the answers")
     objects = gather_objects(block, restitution)
     number = objects[1].size
-    shapes = [np.shape(given) for given in (*ends, target)]
+    shapes = [np.shape(given) for given in (*bounds, target)]
     if not {*shapes} <= {(), (number,)}:
         raise ValueError(
             "bounds and target must be single values, or one for each object, got shapes"
             f" {', '.join(map(str, shapes))}, where the number of objects is {number}"
         )
     low, high, targets = (
-        np.broadcast_to(np.asarray(given, float), number) for given in (*ends, target)
+        np.broadcast_to(np.asarray(given, float), number) for given in (*bounds, target)
     )
     scans = _scan_values(objects, along, site, model, (low, high), targets, resolution)
     last_rate = float(site.rates[-1])
@@ -244,22 +245,21 @@ def _differentiate_value(
     primals: tuple[_Parts],
     tangents: tuple[tuple[PyTree, ...]],
     *,
-    ends: tuple[AnyArray, AnyArray],
+    bounds: tuple[AnyArray, AnyArray],
     along: str,
-    model: RockingModel,
-    resolution: float = _RESOLUTION,
+    **options: Any,
 ) -> tuple[RequiredValue, RequiredValue]:
     """Differentiate the value by the implicit function theorem: the rate stays the target."""
     (parts,) = primals
     (changes,) = tangents
     fixed = parts[:3]
-    answer = search_value(parts, ends=ends, along=along, model=model, resolution=resolution)
+    answer = search_value(parts, bounds=bounds, along=along, **options)
     value = answer.value
-    safe = jnp.where(jnp.isfinite(value), value, jnp.asarray(ends[0], value.dtype))
+    safe = jnp.where(jnp.isfinite(value), value, jnp.asarray(bounds[0], value.dtype))
 
     def compute_rate(block: Block, restitution: AnyArray, site: Site, value: Reals) -> Reals:
         changed = change_parameter(block, restitution, along, value)
-        return overturning_rate(*changed, site, model=model).rate
+        return overturning_rate(*changed, site, model=options["model"]).rate
 
     # No value, or one at a bound because there is no crossing, does not move.
     still = ~jnp.isfinite(value) | (answer.count == 0)
@@ -318,8 +318,8 @@ def _scan_values(
         """
         changed = change_objects(objects, owner, value, along)
         tolerance = CLOSE if finely else _COARSE_WIDTH
-        place = site if finely else few_levels
-        table = compute_outcomes(*changed, place, model, tolerance=tolerance)
+        own_site = site if finely else few_levels
+        table = compute_outcomes(*changed, own_site, model, tolerance=tolerance)
         _, deviation = estimate_windows(table.overturned, table.rates, table.directions)
         rate = table.contributions.mean(axis=0)
         located = table.location_error.sum(axis=-1).mean(axis=0)
@@ -345,7 +345,7 @@ def _scan_values(
             estimates[:, near] = estimate(owner[near], value[near], finely=True)
             continue
         # It might cross the target and come back: if the nearer end is closer to the target
-        # than half of what the ends are apart and two standard errors, or what is unknown.
+        # than half of what both are apart and two standard errors, or what is unknown.
         error = np.maximum(2 * deviation, unknown)
         apart = 0.5 * abs(np.diff(rate)) + np.maximum(error[1:], error[:-1])
         might = np.minimum(abs(distance[1:]), abs(distance[:-1])) <= apart
@@ -368,8 +368,8 @@ def _thin_out(site: Site) -> Site:
     levels = np.asarray(site.levels)
     stride = max(1, int(_COARSE / np.diff(np.log(levels)).max()))
     # The last level stands for all beyond.
-    place = np.append(np.arange(0, levels.size - 1, stride), levels.size - 1)
-    some = jax.device_put((levels[place], np.asarray(site.rates)[place]))
+    chosen = np.append(np.arange(0, levels.size - 1, stride), levels.size - 1)
+    some = jax.device_put((levels[chosen], np.asarray(site.rates)[chosen]))
     return eqx.tree_at(lambda site: (site.levels, site.rates), site, some)
 
 

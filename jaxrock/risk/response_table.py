@@ -56,9 +56,12 @@ class ResponseTable(NamedTuple):
         where exceedance begins or -1 where it ends.
         """
         exceeded = self.exceed(limits)
+        # No record lifts a block at a level that is low enough: uplift is sought down to there.
+        lowest = exceeded[..., :1] & (limits > 0)[:, None]
+        exceeded = np.concatenate([lowest, exceeded], axis=-1)
         *where, before = np.nonzero(exceeded[..., 1:] != exceeded[..., :-1])
         begins = exceeded[(*where, before + 1)]
-        logarithms = np.log(self.levels)
+        logarithms = np.log(np.append(1e-3 * self.levels[0], self.levels))
         low, high = logarithms[before], logarithms[before + 1]
         case = np.ravel_multi_index(where[:3], exceeded.shape[:3])
         width = _WIDTH * exceeded.shape[2] ** 0.5
@@ -72,10 +75,12 @@ class ResponseTable(NamedTuple):
             low[wide] = np.where(is_beyond, low[wide], middle)
         return where[1], where[3], np.exp(0.5 * (low + high)), np.where(begins, 1.0, -1.0)
 
-    def _simulate(self, case: np.ndarray, place: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    def _simulate(
+        self, case: np.ndarray, logarithm: np.ndarray, limits: np.ndarray
+    ) -> np.ndarray:
         """Simulate cases at values of ln(level), and return which limits each exceeds."""
         # One simulation answers for all thresholds with a boundary in the same interval.
-        pairs, which = np.unique(np.stack([case, place]), axis=1, return_inverse=True)
+        pairs, which = np.unique(np.stack([case, logarithm]), axis=1, return_inverse=True)
         case = pairs[0].astype(int)
         level = np.exp(pairs[1])
         response = follow_batch(self.batch.select(case).scaled(level), self.model)
@@ -110,8 +115,7 @@ def simulate_responses(
     complete = np.asarray(response.complete).swapaxes(0, 1).all(axis=2)
     names = [str(k + 1) for k in range(number)]
     require_complete(complete, object=names, record=suite.names, level=levels)
-    angle = np.arctan(1 / block.slenderness)
-    return ResponseTable(batch, model, levels, angle, response)
+    return ResponseTable(batch, model, levels, np.arctan(1 / block.slenderness), response)
 
 
 def _exceed(response: BatchResponse, angle: np.ndarray, limits: np.ndarray) -> np.ndarray:

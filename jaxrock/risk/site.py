@@ -125,16 +125,16 @@ def _choose_site_levels(hazard: Hazard, levels: Numbers | None, spacing: float |
         low, high = np.asarray(hazard.levels)[[0, last]].tolist()
         number = max(3, math.ceil(math.log(high / low) / spacing) + 1)
         return as_real("levels", np.geomspace(low, high, number))
-    places = check_levels("levels", levels, 2)
-    if is_traced((places, hazard.levels)):
-        return places
+    given = check_levels("levels", levels, 2)
+    if is_traced((given, hazard.levels)):
+        return given
     # Levels that are those of the hazard up to rounding are moved onto it.
-    slack = 8 * float(jnp.finfo(places.dtype).eps)
+    slack = 8 * float(jnp.finfo(given.dtype).eps)
     low, high = np.asarray(hazard.levels)[[0, -1]].tolist()
-    first, last = np.asarray(places)[[0, -1]].tolist()
+    first, last = np.asarray(given)[[0, -1]].tolist()
     if first < low * (1 - slack) or last > high * (1 + slack):
         raise ValueError(
             f"levels must be within those of the hazard, {low:.6g} to {high:.6g}, got"
             f" {first:.6g} to {last:.6g}"
         )
-    return jnp.clip(places, low, high)
+    return jnp.clip(given, low, high)
