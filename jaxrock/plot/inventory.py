@@ -17,7 +17,7 @@ _MOST = 60  # objects that one picture has at most; more would not be read
 # Decades that an axis has at least, so that a single object does not fill it.
 _DECADES = 2
 _MOST_YEARS = 5  # numbers of years on the upper axis, which are long
-_LETTERS = 80  # of a line below the axis
+_LETTERS = 60  # of a line below the axis
 
 
 def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
