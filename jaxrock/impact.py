@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from .block import Block
+from .block import Block, is_rectangle
 from .body import fraction_in_centre
 from .validation import (
     UNIT_INTERVAL,
@@ -207,3 +207,25 @@ def describe_assumed_restitution(block: Block) -> str:
     """Describe the restitution that follows from the size of one block, as an assumption."""
     theory = "from size against a wall" if block.one_sided else "Housner's"
     return f"C = {float(compute_restitution_by_size(block)):.3f} ({theory}, assumed)"
+
+
+def describe_scene(block: Block, restitution: Number | None = None) -> str:
+    """Describe one block and its restitution in words, as all texts and titles do.
+
+    Parameters
+    ----------
+    block : Block
+    restitution : float, optional
+        C [-]; by default the one that follows from the size, which is named as assumed.
+
+    Returns
+    -------
+    str
+    """
+    # Only of a rectangle the height is known; of another body, that of the centre of mass.
+    body = "" if is_rectangle(block) else f" (inertia ratio {float(block.inertia_ratio):.4g})"
+    size = f"{float(block.width):.6g} m wide, {float(block.height):.6g} m high{body}"
+    wall = ", one-sided" * block.one_sided
+    if restitution is None:
+        return f"{size}{wall}, {describe_assumed_restitution(block)}"
+    return f"{size}{wall}, C = {float(restitution):.6g}"

@@ -4,6 +4,7 @@ from .driven_fit import DrivenFit, fit_driven_rocking
 from .free_rocking_answer import FreeRockingFit
 from .free_rocking_fit import fit_free_rocking
 from .measurement_files import read_impact_times
+from .outcomes import PEAK_SCORES as PEAK_SCORES
 from .outcomes import (
     OutcomeFit,
     Outcomes,
@@ -13,7 +14,10 @@ from .outcomes import (
     read_tests,
 )
 from .outcomes import check_campaign as check_campaign
+from .outcomes import describe_scores as describe_scores
 from .outcomes import fit_and_score as fit_and_score
+from .outcomes import tabulate_scores as tabulate_scores
+from .outcomes import tabulate_tests as tabulate_tests
 
 __all__ = [
     "DrivenFit",

@@ -1,12 +1,14 @@
 """The answer of a test of free rocking: numbers, their errors, and remarks on them."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import Block
-from ..host import Printed, format_fields
+from ..host import Shown, format_fields
 from ..validation import Booleans, Integers, Reals
 from .free_rocking_motion import NUMBERS
 
@@ -14,9 +16,13 @@ from .free_rocking_motion import NUMBERS
 _SIGNIFICANT = 0.05
 OTHER_BLOCK = 0.01
 NEGLIGIBLE = 1e-6  # change of C, however significant: exact times make any change so
+_SUMMARY = (
+    *("time_noise", "rotation_noise", "restitution_change", "restitution_change_error"),
+    *("restitution_change_p_value", "frequency_p_value", "degrees_of_freedom"),
+)
 
 
-class FreeRockingFit(Printed, eqx.Module):
+class FreeRockingFit(Shown, eqx.Module):
     """Parameters of a block fitted to a test of free rocking; see `fit_free_rocking`.
 
     Attributes
@@ -92,6 +98,8 @@ class FreeRockingFit(Printed, eqx.Module):
     repairs: tuple[str, ...] = eqx.field(static=True)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
 
+    picture: ClassVar[str] = "plot_free_rocking_fit"
+
     @property
     def names(self) -> tuple[str, ...]:
         """The names of rows and columns of `covariance`."""
@@ -119,6 +127,45 @@ class FreeRockingFit(Printed, eqx.Module):
         if float(self.standard_errors["frequency_parameter"]) > 0.5 * self.frequency_parameter:
             sentences.append("these measurements do not determine p: give the block")
         return tuple(sentences)
+
+    def table(self) -> dict[str, list[object]]:
+        """List a row for each time, with NaN where a column has no value.
+
+        Returns
+        -------
+        dict of list
+        """
+        # A restitution compares the half-cycles before and after an impact, which the first
+        # and the last time do not have.
+        columns = {
+            "impact": self.impact_numbers,
+            "time": self.impact_times,
+            "used": self.used,
+            "residual": self.time_residuals,
+            "velocity_ratio": np.pad(self.velocity_ratios, 1, constant_values=np.nan),
+            "restitution": np.pad(self.restitutions, 1, constant_values=np.nan),
+            "restitution_error": np.pad(self.restitution_errors, 1, constant_values=np.nan),
+        }
+        if self.rotation_residuals.size:
+            columns["rotation_residual"] = np.append(self.rotation_residuals, np.nan)
+        return {name: np.asarray(column).tolist() for name, column in columns.items()}
+
+    def summarize(self) -> dict[str, object]:
+        """Summarize the fit in numbers by name, NaN for those that it does not determine.
+
+        Returns
+        -------
+        dict
+        """
+        values = {name: float(getattr(self, name)) for name in self.names}
+        errors = {
+            name: np.nan if np.isnan(value) else float(self.standard_errors[name])
+            for name, value in values.items()
+        }
+        numbers = {name: float(getattr(self, name)) for name in _SUMMARY}
+        counts = {"impacts": self.used.size, "used": int(self.used.sum())}
+        lists = {"standard_errors": errors, "remarks": list(self.remarks)}
+        return {"model": self.model, **counts, **values, **numbers, **lists}
 
     def __str__(self) -> str:
         units = dict(zip(NUMBERS, ("s", "", "", "1/s", "rad"), strict=True))

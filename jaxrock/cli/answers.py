@@ -1,20 +1,18 @@
-"""Answers of commands: what they print, and what their files say of them."""
+"""Answers of commands: what they print, and the files that they write."""
 
-import dataclasses
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..ground_motion import FLOOR_DAMPING
-from ..host import read_version
-from .options import BlockOptions, Output, StoreOptions
+from ..grids import write_table
+from ..tables import write_csv
 
 if TYPE_CHECKING:
-    import matplotlib.axes
-    import matplotlib.figure
+    import xarray
+
+    from .options import Output
 
 
 @dataclass(frozen=True)
@@ -23,8 +21,8 @@ class Answer:
 
     Attributes
     ----------
-    text : str
-        For people.
+    text : object
+        For people: a result, or lines.
     data : mapping
         For programs.
     output : Output
@@ -35,74 +33,63 @@ class Answer:
         Exit code of the process.
     """
 
-    text: str
+    text: object
     data: Mapping[str, object]
-    output: Output
+    output: "Output"
     files: Sequence[Path] = ()
     code: int = 0
 
     def __str__(self) -> str:
         paths = [str(path) for path in self.files]
         if not self.output.json:
-            return "\n".join([self.text, *paths])
+            return "\n".join([str(self.text), *paths])
         data = {**self.data, "files": paths} if paths else self.data
         # Python writes NaN and Infinity, which JSON does not have and other parsers refuse.
         finite = json.loads(json.dumps(data), parse_constant=lambda _: None)
         return json.dumps(finite, indent=2)
 
 
-def describe_options(
-    command: str, options: Mapping[str, object]
-) -> dict[str, str | int | float]:
-    """Describe the version, the command and its options, for the files that it writes.
+@dataclass(frozen=True)
+class Files:
+    """Files that a command writes, each with the version and the command line.
 
-    Parameters
-    ----------
-    command : str
-        Its name.
-    options : mapping
-        By the names of the parameters of its function; an option that is None was not given.
-
-    Returns
-    -------
-    dict
-        Attributes of a NetCDF file, or the lines above a table.
+    The dataset of a command has the name of its folder.
     """
-    described: dict[str, Any] = {}
-    for name, value in options.items():
-        # Neither how an answer is printed nor where it is written changes a number.
-        if isinstance(value, Output | StoreOptions) or name == "out":
-            continue
-        if isinstance(value, BlockOptions):
-            described |= dataclasses.asdict(value)
-            described["slenderness"] = float(value.block.slenderness)
-            described["restitution"] = value.coefficient
-            described["restitution_assumed"] = value.restitution is None
-        elif dataclasses.is_dataclass(value) and not isinstance(value, type):
-            described |= dataclasses.asdict(value)
+
+    name: str
+    folder: Path
+    about: Mapping[str, str]
+    paths: Sequence[Path]
+
+    def write_csv(
+        self, name: str, columns: Mapping[str, Sequence[object]], **about: object
+    ) -> None:
+        """Write the columns of a result as a table."""
+        write_csv(self.folder / name, columns, {**self.about, **about})
+
+    def write_dataset(
+        self, dataset: "xarray.Dataset", drawn: Any, title: str = "", table: Any = None
+    ) -> None:
+        """Write a dataset as NetCDF, its picture, and a table: by default of the same."""
+        dataset = dataset.assign_attrs(self.about)
+        # A large dataset has been written already, part by part.
+        if not (self.folder / f"{self.name}.nc").exists():
+            dataset.to_netcdf(self.folder / f"{self.name}.nc")
+        if isinstance(table, Mapping):
+            self.write_csv(f"{self.name}.csv", table)
         else:
-            described[name] = value
-    if described.get("floor_period") is not None and described["floor_damping"] is None:
-        described["floor_damping"] = FLOOR_DAMPING
-    about: dict[str, str | int | float] = {
-        "source": f"jaxrock {read_version()}",
-        "command": command,
-    }
-    return about | {
-        name: _make_attribute(value)
-        for name, value in described.items()
-        if not (value is None or value is False or value == ())
-    }
+            write_table(dataset if table is None else table, self.folder / f"{self.name}.csv")
+        self.save_picture(f"{self.name}.png", drawn, title)
 
+    def save_picture(self, name: str, drawn: Any, title: str = "") -> None:
+        """Write the figure, or the one that axes belong to, with a title."""
+        import matplotlib.pyplot as plt
 
-def _make_attribute(value: object) -> str | int | float:
-    """Make a value an attribute of a NetCDF file: a number or text."""
-    # NetCDF has no type for a bool, which Python counts as an int.
-    if isinstance(value, bool):
-        return int(value)
-    if isinstance(value, int | float):
-        return value
-    return " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+        if title:
+            drawn.set_title(title)
+        drawn.figure.savefig(self.folder / name, dpi=150)
+        # pyplot keeps every figure until it is closed.
+        plt.close(drawn.figure)
 
 
 def list_rows(columns: Mapping[str, Sequence[object]]) -> list[dict[str, object]]:
@@ -110,15 +97,3 @@ def list_rows(columns: Mapping[str, Sequence[object]]) -> list[dict[str, object]
     return [
         dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
     ]
-
-
-def save_picture(
-    drawn: "matplotlib.axes.Axes | matplotlib.figure.Figure", file: Path | io.BytesIO
-) -> None:
-    """Write a figure, or the one that axes belong to, to a file."""
-    import matplotlib.pyplot as plt
-
-    figure: Any = drawn.figure
-    figure.savefig(file, dpi=150)
-    # pyplot keeps every figure until it is closed.
-    plt.close(figure)

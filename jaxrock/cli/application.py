@@ -8,49 +8,33 @@ import functools
 import gc
 import logging
 import os
+import shlex
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
-from typing import get_args
 
 import jax
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CoercionError, CycloptsError, Parameter
 
 from ..host import read_version
 from .answers import Answer
-from .assess import assess
 from .compiled_programs import keep_compiled
-from .critical import critical
-from .fit import fit
-from .fragility import fragility
-from .harmonic import harmonic
-from .inventory import inventory
-from .options import GRID_HELP, Grid
-from .paper import paper
-from .respond import respond
-from .sensitivity import sensitivity
-from .spectra import rocking_spectrum, spectrum
-from .tradeoff import tradeoff
-from .validate import validate
-from .wrong_calls import describe_wrong_call, name_options
+from .measured import fit, validate
+from .one_block import assess, critical, respond
+from .options import COMMAND_LINE
+from .research import harmonic, paper, spectrum, tradeoff
+from .sensitivity import driven_sensitivity, sensitivity
+from .suites import fragility, inventory, rocking_spectrum
 
-# In the order in which help lists them, the first for newcomers. The name of a command is the
-# one of its function, with dashes; its options are the parameters, its help is the docstring.
-COMMANDS = (
-    assess,
-    spectrum,
-    respond,
-    rocking_spectrum,
-    fragility,
-    inventory,
-    critical,
-    sensitivity,
-    harmonic,
-    fit,
-    validate,
-    tradeoff,
-    paper,
-)
+# In the order in which help lists them, by panels. The name of a command is the one of its
+# function, with dashes; its options are the parameters, its help is the docstring.
+COMMANDS = {
+    "Commands": (
+        assess, respond, critical, fragility, inventory, rocking_spectrum, sensitivity,
+        driven_sensitivity, fit, validate,
+    ),
+    "Research": (spectrum, harmonic, tradeoff, paper),
+}  # fmt: skip
 
 
 def make_application() -> App:
@@ -66,12 +50,9 @@ def make_application() -> App:
         ),
         help_format="markdown",
     )
-    for place, command in enumerate(COMMANDS):
-        kinds = command.__annotations__.values()
-        takes_grid = any(Grid in (kind, *get_args(kind)) for kind in kinds)
-        application.command(
-            command, sort_key=place, help_epilogue=GRID_HELP if takes_grid else None
-        )
+    for group, commands in COMMANDS.items():
+        for place, command in enumerate(commands):
+            application.command(command, group=group, sort_key=place)
     application.register_install_completion_command()
     return application
 
@@ -93,59 +74,52 @@ def run_command(words: Sequence[str]) -> int:
     gc.freeze()  # imported modules stay, and need not be looked through again
     # Tracing makes many objects, and few of them are garbage.
     gc.set_threshold(100_000, 20, 50)
+    keep_compiled()
     try:
         with _show_messages():
             answer = _compute_answer(words)
-        return 0 if answer is None else _print_answer(answer)
+        if answer is None:
+            return 0
+        # Now, and not at the end of Python, where an error would be a traceback.
+        print(answer, flush=True)
+        return answer.code
     # What a user can do something about. All else is a fault of jaxrock, and shows its
     # traceback.
     except (ValueError, OSError, MemoryError, ModuleNotFoundError) as error:
-        _complain(f"error: {error}")
-        return 2
+        # As in `jaxrock ... | head`: the reader has enough, which is no error. The exit code is
+        # the one of a program that SIGPIPE ends, which Python ignores: 128 plus 13.
+        has_reader = not isinstance(error, BrokenPipeError)
+        if has_reader:
+            _complain(f"error: {error}")
+        # Python would try again at its end to write what is left in the buffer.
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 2 if has_reader else 141
 
 
 def _compute_answer(words: Sequence[str]) -> Answer | None:
     """Return the answer of a command; None after help or the version, which are printed."""
-    if not words:
-        raise ValueError("a command must be given; --help lists them")
+    dashes = [word for word in words if word[:1] in "\N{EN DASH}\N{EM DASH}" and word]
+    if dashes:
+        option = dashes[0].lstrip("\N{EN DASH}\N{EM DASH}-")
+        raise ValueError(f"{dashes[0]!r} begins with a long dash; type --{option}")
+    if not words or (
+        words[0].startswith("-") and words[0] not in ("--help", "-h", "--version")
+    ):
+        raise ValueError("a command must come first; jaxrock --help lists them")
+    COMMAND_LINE.set(shlex.join(["jaxrock", *words]))
     try:
-        os.getcwd()
-    except FileNotFoundError:
-        # JAX asks for it, and its error does not say why.
-        raise ValueError("the current folder is gone; change to one that exists") from None
-    if "" in words[1:]:
-        raise ValueError(f"{words[words.index('', 1) - 1]} must have a value, got ''")
-    application = make_application()
-    try:
-        command, given, _ = application.parse_args(
+        command, given, _ = make_application().parse_args(
             words, print_error=False, exit_on_error=False
         )
     except CycloptsError as error:
-        raise ValueError(describe_wrong_call(error, words, application)) from None
-    try:
-        with keep_compiled():
-            answer = command(*given.args, **given.kwargs)
-    except ValueError as error:
-        raise ValueError(name_options(str(error), application[words[0]])) from error
+        sentence = " ".join(str(error).split()).rstrip(".")
+        if isinstance(error, CoercionError) and error.target_type in (int, float):
+            sentence += "; type a number alone, with a decimal point and without its unit"
+        raise ValueError(f"{sentence}; see jaxrock {words[0]} --help") from None
     # Help and the version are functions of cyclopts, which print when they are called.
+    answer = command(*given.args, **given.kwargs)
     return answer if isinstance(answer, Answer) else None
-
-
-def _print_answer(answer: Answer) -> int:
-    """Print an answer; return its exit code, or another if nobody can read it."""
-    try:
-        # Now, and not at the end of Python, where an error would be a traceback.
-        print(answer, flush=True)
-    except OSError as error:
-        # Python tries again at its end, with what is left in the buffer: that goes nowhere.
-        with contextlib.suppress(OSError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        # As in `jaxrock ... | head`: the reader has enough, which is no error. The exit code
-        # is the one of a program that SIGPIPE ends, which Python ignores: 128 plus 13.
-        if isinstance(error, BrokenPipeError):
-            return 141
-        raise ValueError(f"standard output cannot be written to: {error.strerror}") from error
-    return answer.code
 
 
 def _complain(text: str) -> None:

@@ -18,9 +18,11 @@ from .floor import choose_floor_step as choose_floor_step
 from .floor_variants import vary_floor as vary_floor
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
+from .intensity import describe_strength as describe_strength
 from .intensity import intensity_measure
 from .intensity import warn_of_large_intensities as warn_of_large_intensities
 from .motion import Motion
+from .named_suites import find_suite as find_suite
 from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
 from .pulses import check_pulse_class as check_pulse_class

@@ -91,6 +91,13 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     return _compute_measure(record.bucketed(), measure, block if relative else None)
 
 
+def describe_strength(record: Record) -> str:
+    """Describe the strength of a record on one line, in which a wrong unit is seen at once."""
+    pga, pgv = (float(intensity_measure(record, name)) for name in ("pga", "pgv"))
+    duration = float(record.end - record.start)
+    return f"PGA {pga:.3g} m/s2 ({pga / 9.81:.3g} g), PGV {pgv:.3g} m/s, {duration:.4g} s long"
+
+
 @eqx.filter_jit
 def _compute_measure(record: Record, measure: str, block: Block | None) -> Reals:
     """Compute a measure of a record; the block only where the measure is relative to one."""

@@ -10,6 +10,7 @@ from .files import read_regular as read_regular
 from .files import sync as sync
 from .files import write_whole as write_whole
 from .printing import Printed as Printed
+from .printing import Shown as Shown
 from .printing import format_fields as format_fields
 from .printing import format_number as format_number
 from .printing import format_outside as format_outside

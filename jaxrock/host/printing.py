@@ -1,6 +1,8 @@
 """Printing of arguments and results: numbers with units, arrays as ranges."""
 
+import importlib
 from collections.abc import Iterable, Sequence
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
@@ -46,6 +48,29 @@ class Printed:
         return str(self)
 
 
+class Shown(Printed):
+    """A base of results that have a picture, by the name of its function in `jaxrock.plot`."""
+
+    picture: ClassVar[str]
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the result.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw on; new ones by default.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes drawn on.
+        """
+        # Imported here, since Matplotlib takes half a second, and pictures know all results.
+        pictures = importlib.import_module("jaxrock.plot")
+        return getattr(pictures, self.picture)(self, ax)
+
+
 def format_outside(module: Checked) -> str:
     """Write a module some of whose numbers are outside of their domains; nothing for others.
 
@@ -80,12 +105,18 @@ def _is_outside(value: object, domain: Domain) -> bool:
 
 def format_table(first: str, names: Sequence[str], **columns: Iterable[object]) -> str:
     """Write a table: the first line, then one for each name, a column for each keyword."""
-    labels = (label.replace("_", " ") for label in columns)
-    width = max(20, *(len(name) + 2 for name in names)) if names else 20
-    lines = [first, " " * width + "".join(f"{label:>14}" for label in labels)]
-    for name, *row in zip(names, *columns.values(), strict=True):
-        cells = [f"{v:>14}" if isinstance(v, str) else f"{v:14.6g}" for v in row]
-        lines.append(f"{name:{width}}{''.join(cells)}")
+    heads = ["", *(label.replace("_", " ") for label in columns)]
+    body = ([v if isinstance(v, str) else f"{v:.6g}" for v in c] for c in columns.values())
+    rows = [heads, *zip(names, *body, strict=True)]
+    least = [(20, 2), *[(14, 1)] * len(columns)]
+    widths = [
+        max(width, *(len(row[k]) + gap for row in rows))
+        for k, (width, gap) in enumerate(least)
+    ]
+    lines = [first]
+    for name, *cells in rows:
+        line = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
+        lines.append(f"{name:{widths[0]}}{''.join(line)}")
     return "\n".join(lines)
 
 

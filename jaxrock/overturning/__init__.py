@@ -15,6 +15,7 @@ from .quantities import UNITS as UNITS
 from .quantities import Search as Search
 from .quantities import Subject as Subject
 from .quantities import check_subject as check_subject
+from .quantities import format_value as format_value
 
 __all__ = ["Boundaries", "SurvivalWindows"]
 __all__ += [

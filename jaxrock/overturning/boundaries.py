@@ -38,6 +38,7 @@ from .quantities import (
 # anyway. The derivatives change with the distance from the boundary: so close to it by 1e-6 of
 # themselves at most, under records, and typically by 1e-11.
 _TOLERANCE_OF_DERIVATIVES = 1e-12
+_MAX_LINES = 12  # of boundaries that are printed
 
 
 class Boundaries(Printed, eqx.Module):
@@ -95,7 +96,22 @@ class Boundaries(Printed, eqx.Module):
             beyond = does[bool(self.overturns_beyond[k])]
             place = format_value(self.along, float(self.value[k]))
             lines.append(f"{beyond} beyond {place} (overturning {mode})")
+        if len(lines) > _MAX_LINES:
+            left_out = f"... {len(lines) - _MAX_LINES + 1} more boundaries ..."
+            lines[_MAX_LINES - 2 : -1] = [left_out]
         return "\n".join(lines)
+
+    def table(self) -> dict[str, list[object]]:
+        """List the boundaries of one block as columns.
+
+        Returns
+        -------
+        dict of list
+            The quantity, ``overturns_beyond``, ``impacts``, ``toppled``.
+        """
+        names = ("overturns_beyond", "impacts", "toppled")
+        columns = {self.along: np.asarray(self.value).tolist()}
+        return columns | {name: np.asarray(getattr(self, name)).tolist() for name in names}
 
 
 def overturning_boundaries(

@@ -1,5 +1,6 @@
 """The paper: free rocking, the half-cycle map and its limits, inverse design, pulse trains."""
 
+from .critical_values import CriticalValues, critical_values
 from .elastic_oscillator import (
     Oscillator,
     damping_from_decay,
@@ -34,6 +35,7 @@ from .train_timing import timing_costs
 from .worst_trains import WorstTrain, worst_train
 
 __all__ = [
+    "CriticalValues",
     "Linearized",
     "Nonlinear",
     "Oscillator",
@@ -45,6 +47,7 @@ __all__ = [
     "critical_intensity",
     "critical_restitution",
     "critical_slenderness",
+    "critical_values",
     "critical_width",
     "damping_from_decay",
     "equivalent_damping",

@@ -1,7 +1,8 @@
 """Risk at a site: fragility curves, rates of overturning, and sizes that meet a target rate."""
 
+from .fragility_curves import describe_fragility as describe_fragility
 from .fragility_curves import fragility
-from .fragility_curves import name_thresholds as name_thresholds
+from .fragility_curves import tabulate_fragility as tabulate_fragility
 from .hazard import Hazard
 from .hazard import describe_end as describe_end
 from .hazard import write_years as write_years
@@ -10,10 +11,12 @@ from .inventory import Inventory
 from .inventory_assessment import assess_inventory
 from .inventory_dataset import MISSES as MISSES
 from .inventory_dataset import NOT_KNOWN as NOT_KNOWN
+from .inventory_dataset import describe_inventory as describe_inventory
 from .inventory_dataset import describe_place as describe_place
 from .inventory_dataset import describe_years as describe_years
 from .inventory_dataset import name_records as name_records
 from .inventory_dataset import round_width_up as round_width_up
+from .inventory_dataset import tabulate_inventory as tabulate_inventory
 from .inventory_files import EXAMPLE_FILES as EXAMPLE_FILES
 from .inventory_files import read_example_inventory as read_example_inventory
 from .inventory_files import read_inventory

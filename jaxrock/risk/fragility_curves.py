@@ -8,7 +8,7 @@ import numpy as np
 from ..block import Block, size_of
 from ..grids import describe_axis
 from ..ground_motion import MEASURES, Suite, describe_suite
-from ..host import Labelled, add_names, make_dataset
+from ..host import Labelled, add_names, format_table, make_dataset
 from ..numerics import bound_probabilities
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..sensitivity import Uncertain
@@ -186,6 +186,32 @@ def fragility(
     if uncertain is None:
         dataset = dataset.isel(sample=0, drop=True)
     return dataset if coefficient.ndim else dataset.isel(object=0, drop=True)
+
+
+def describe_fragility(curves: "xarray.Dataset") -> str:
+    """Write medians and dispersions of the curves of one block, and remarks on them."""
+    measure, names = curves.attrs["measure"], curves.threshold.values.tolist()
+    unit = "" if MEASURES[measure][2] else f" [{MEASURES[measure][1]}]"
+    levels = curves.level.values
+    # The levels may not reach a median; uplift is located below them as well.
+    medians = [
+        x if x <= levels[-1] and (name == "uplift" or x >= levels[0]) else "-"
+        for name, x in zip(names, curves["lognormal_median"].values.tolist(), strict=True)
+    ]
+    columns = {f"median{unit}": medians, "dispersion": curves["lognormal_dispersion"].values}
+    title = f"lognormal curves from {levels.size} levels of {measure}, {levels[0]:.4g} to"
+    labels = [n if n in NAMED_THRESHOLDS else f"rotation ratio {n}" for n in names]
+    lines = [format_table(f"{title} {levels[-1]:.4g}{unit}", labels, **columns)]
+    remarks = zip(labels, curves.remark.values, strict=True)
+    return "\n".join([*lines, *(f"{label}: {remark}" for label, remark in remarks if remark)])
+
+
+def tabulate_fragility(curves: "xarray.Dataset") -> dict[str, object]:
+    """List thresholds, medians, dispersions and remarks of the curves of one block."""
+    names = {"median": "lognormal_median", "dispersion": "lognormal_dispersion"}
+    names |= {"thresholds": "threshold", "remarks": "remark"}
+    columns = {name: curves[variable].values.tolist() for name, variable in names.items()}
+    return {"records": curves.sizes["record"], **columns}
 
 
 def _choose_levels(block: Block, measure: str) -> np.ndarray:

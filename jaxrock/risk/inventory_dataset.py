@@ -7,7 +7,7 @@ import numpy as np
 
 from ..block import SIZES_IN_WORDS, size_of
 from ..ground_motion import MEASURES, describe_suite
-from ..host import add_names, make_dataset
+from ..host import add_names, format_table, make_dataset
 from ..resonance import RockingModel
 from .fragility_curves import MEASURE_UNIT, describe_variable, label_variables
 from .hazard import write_years
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 MEETS = "meets the target"
 MISSES = "misses the target"
 NOT_KNOWN = "not known"
+_LONGEST_NAME = 32  # letters of a name in the text; tables and pages have all of them
 # Parameters whose importance is told: what can be built or chosen for an object.
 INVENTORY_PARAMETERS = ("width", "height", "restitution")
 # Dimensions, long name and unit of each answer.
@@ -154,6 +155,57 @@ def describe_place(answer: "xarray.Dataset") -> str:
     wall = ["at a wall"] * bool(answer.one_sided)
     floor = [f"floor {period:.3g} s ({float(answer.floor_damping):.2g})"] * bool(period)
     return ", ".join(wall + floor)
+
+
+def tabulate_inventory(assessed: "xarray.Dataset") -> dict[str, list[object]]:
+    """List the columns of an assessed inventory, with a column for each level and parameter."""
+    columns: dict[str, list[object]] = {
+        "rank": assessed["rank"].values.tolist(),
+        "name": assessed.object.values.tolist(),
+    }
+    prefixes = {"level": " at ", "parameter": " to ", "column": ": "}
+    for name, variable in assessed.data_vars.items():
+        if variable.ndim == 1:
+            columns[str(name)] = variable.values.tolist()
+            continue
+        dim = str(variable.dims[1])
+        labels = assessed["written" if dim == "level" else dim].values
+        for label, values in zip(labels, variable.values.T, strict=True):
+            columns[f"{name}{prefixes[dim]}{label}"] = values.tolist()
+    return columns
+
+
+def describe_inventory(assessed: "xarray.Dataset") -> str:
+    """Write the ranked table of an assessed inventory, and which restitutions are assumed."""
+    unit = MEASURES[assessed.attrs["measure"]][1]
+    objects = [assessed.isel(object=k) for k in range(assessed.object.size)]
+    columns: dict[str, object] = {
+        "width [m]": assessed.width.values,
+        "height [m]": assessed.height.values,
+        "restitution": [
+            f"{float(one.restitution):.3f}{' assumed' * bool(one.restitution_assumed)}"
+            for one in objects
+        ],
+        f"uplift [{unit}]": assessed.uplift_intensity.values,
+        f"median [{unit}]": assessed["median"].values,
+        "rate [1/yr]": assessed.rate.values,
+        "std. error": assessed.standard_error.values,
+        "once in [yr]": [describe_years(one) for one in objects],
+        "for the target": [str(one.need.values) for one in objects],
+    }
+    if "one_sided" in assessed or "floor_period" in assessed:
+        columns["stands"] = [describe_place(one) or "free" for one in objects]
+    above = int((assessed.verdict == MISSES).sum())
+    title = (
+        f"{above} of {len(objects)} objects overturn more often than once in"
+        f" {write_years(1 / assessed.attrs['target'])} years, under {name_records(assessed)};"
+        f" {assessed.attrs['hazard_curve']}"
+    )
+    names = [str(name)[:_LONGEST_NAME] for name in assessed.object.values]
+    table = format_table(title, names, **columns)
+    if assessed.restitution_assumed.any():
+        table += "\nassumed restitutions follow from the size; once in: with them and low ones"
+    return table
 
 
 def _describe_need(verdict: str, width: float, required: float | None) -> str:

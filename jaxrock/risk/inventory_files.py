@@ -131,7 +131,6 @@ def read_inventory(
         "a restitution of at least 0 must be given: the one by size is below 0 if stocky",
     )
     remarks = {
-        "rocks over its depth, the shorter side of its base": depth < values["width"],
         f"damping of its floor not given, {FLOOR_DAMPING:g} assumed": (
             (period > 0) & np.isnan(damping)
         ),

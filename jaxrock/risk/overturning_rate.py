@@ -70,6 +70,17 @@ class OverturningRate(Printed, eqx.Module):
     records: tuple[str, ...] = eqx.field(static=True)
     directions: int = eqx.field(static=True)
 
+    def table(self) -> dict[str, float]:
+        """List the numbers of one block by name.
+
+        Returns
+        -------
+        dict
+            Rates and errors [1/yr], and whether they are complete, as 0 or 1.
+        """
+        names = ("rate", "standard_error", "not_detected", "complete")
+        return {name: np.asarray(getattr(self, name)).item() for name in names}
+
     def __str__(self) -> str:
         if np.ndim(self.rate) or is_traced(self):
             units = dict.fromkeys(("rate", "standard_error", "not_detected"), "1/yr")

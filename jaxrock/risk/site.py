@@ -34,8 +34,9 @@ class Site(Printed, eqx.Module):
         levels, and the floor with it.
     hazard : Hazard
         Rate of exceedance H [1/yr] of a level.
-    measure : {"pgv", "pga"}
-        The intensity measure of the hazard [m/s], [m/s2].
+    measure : {"pgv", "pga"}, optional
+        The intensity measure [m/s], [m/s2]; by default the one of the hazard, PGV where it
+        states none.
     levels : array_like, shape (n,), optional
         At least two increasing levels, within the hazard curve. By default they cover all of
         it, up to the first rate of 0.
@@ -76,13 +77,14 @@ class Site(Printed, eqx.Module):
         self,
         suite: Suite,
         hazard: Hazard,
-        measure: str = "pgv",
+        measure: str | None = None,
         levels: Numbers | None = None,
         *,
         spacing: float = 0.01,
     ):
         check_kind("suite", suite, Suite)
         check_kind("hazard", hazard, Hazard)
+        measure = measure or hazard.measure or "pgv"
         self.measure = as_name("measure", measure, HAZARD_MEASURES)
         if hazard.measure not in (None, self.measure):
             raise ValueError(

@@ -86,6 +86,17 @@ class LocalDependence(Printed):
     left_out: float
     reason: str
 
+    def table(self) -> dict[str, list[object]]:
+        """List medians, derivatives and elasticities, a row for each parameter.
+
+        Returns
+        -------
+        dict of list
+        """
+        columns = {"value": self.at, "derivative": self.derivatives}
+        columns["elasticity"] = self.elasticities
+        return {"quantity": list(self.names), **{n: v.tolist() for n, v in columns.items()}}
+
     def __str__(self) -> str:
         head = f"{self.answer} {self.value:.6g}"
         if np.isnan(self.value):

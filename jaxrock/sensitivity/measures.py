@@ -1,11 +1,13 @@
 """The parameters that matter: derivatives and ranges around a point, and over ranges."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from ..host import Printed, format_table
+from ..host import Printed, Shown, format_table
+from ..tables import UNITS
 from ..validation import COUNT, as_text, check
 from .parameters import Answer, Ranges, check_ranges, label_sides, make_parametric
 
@@ -32,6 +34,19 @@ class Sensitivities(Printed):
     elasticity: np.ndarray
     hessian: np.ndarray
     sides: tuple[str, ...] = ()
+
+    def table(self) -> dict[str, list[object]]:
+        """List values, derivatives and elasticities, a row for each parameter.
+
+        Returns
+        -------
+        dict of list
+        """
+        columns = {"value": self.at, "derivative": self.gradient}
+        columns["elasticity"] = self.elasticity
+        units = [UNITS.get(name, "-") for name in self.names]
+        values = {name: column.tolist() for name, column in columns.items()}
+        return {"quantity": list(self.names), "unit": units, **values}
 
     def __str__(self) -> str:
         columns = {"at": self.at, "derivative": self.gradient, "elasticity": self.elasticity}
@@ -95,7 +110,7 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
 
 
 @dataclass(frozen=True, repr=False)
-class TornadoBars(Printed):
+class TornadoBars(Shown):
     """Changes of an answer within the range of each parameter; see `tornado`.
 
     Attributes
@@ -117,6 +132,26 @@ class TornadoBars(Printed):
     at_high: np.ndarray
     value: float
     sides: tuple[str, ...] = ()
+
+    picture: ClassVar[str] = "plot_tornado"
+
+    def table(self, names: Sequence[str] = ()) -> dict[str, list[object]]:
+        """List ranges and answers, a row for each parameter.
+
+        Parameters
+        ----------
+        names : sequence of str
+            The order of the rows; by default that of the bars.
+
+        Returns
+        -------
+        dict of list
+        """
+        names = names or self.names
+        order = [self.names.index(name) for name in names]
+        columns = ("low", "high", "at_low", "at_high")
+        listed = {name: getattr(self, name)[order].tolist() for name in columns}
+        return {"quantity": list(names), **listed}
 
     @property
     def reason_without_bars(self) -> str:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import jax
 import numpy as np
@@ -10,8 +11,9 @@ import numpy as np
 from ..block import Block
 from ..driven import Batch, check_batch, follow_batch, require_complete
 from ..ground_motion import Motion, Suite, average_directions
-from ..host import Printed, count_work
+from ..host import Shown, count_work
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..tables import UNITS
 from ..validation import POSITIVE, Number, as_real, check
 from .driven_answer import change_motion, list_motion_medians
 from .outcome_statistics import (
@@ -41,7 +43,7 @@ _LARGEST_ERROR = 0.25  # of an index that is given
 
 
 @dataclass(frozen=True, repr=False)
-class OutcomeProbabilities(Printed):
+class OutcomeProbabilities(Shown):
     """Probabilities of outcomes, and what they depend on; see `outcome_probabilities`.
 
     Indices and derivatives smaller than their sampling noise are not printed as numbers.
@@ -103,6 +105,47 @@ class OutcomeProbabilities(Printed):
     peak: np.ndarray
     confidence: float
     directions: int = 1
+
+    picture: ClassVar[str] = "plot_outcome_probabilities"
+
+    def table(self) -> dict[str, list[object]]:
+        """List the outcomes with their probabilities.
+
+        Returns
+        -------
+        dict of list
+        """
+        columns = {
+            name: getattr(self, name).tolist() for name in ("probability", "low", "high")
+        }
+        return {"outcome": list(self.outcomes), **columns}
+
+    def table_of_sources(self) -> dict[str, list[object]]:
+        """List Sobol indices and derivatives of probabilities, a row for each source.
+
+        Returns
+        -------
+        dict of list
+            NaN where an answer is constant, and for derivatives that noise hides.
+        """
+        units = [UNITS.get(name, "-") for name in self.sources]
+        columns: dict[str, list[object]] = {"quantity": list(self.sources), "unit": units}
+        for k, answer in enumerate(self.answers):
+            for kind in ("first", "first_error", "total", "total_error"):
+                order, _, error = kind.partition("_")
+                head = "_".join(filter(None, [order, answer.replace(" ", "_"), error]))
+                columns[head] = getattr(self, kind)[k].tolist()
+        # The record has no derivatives.
+        missing = [math.nan] * (len(self.sources) - len(self.names))
+        for k, outcome in enumerate(self.outcomes):
+            for kind in ("by_median", "by_coefficient_of_variation"):
+                derivatives = getattr(self, kind)[k]
+                errors = getattr(self, f"{kind}_error")[k]
+                clear = np.where(errors < abs(derivatives), derivatives, np.nan)
+                head = f"{kind}_{outcome.replace(' ', '_')}"
+                columns[head] = [*clear.tolist(), *missing]
+                columns[f"{head}_error"] = [*errors.tolist(), *missing]
+        return columns
 
     def __str__(self) -> str:
         records, samples = self.peak.shape

@@ -1,8 +1,9 @@
 """Spectra of steady rocking on a harmonic floor, and of motion where it is not stable."""
 
 import functools
+import math
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -46,6 +47,7 @@ _turns = threading.Lock()
 # Small enough to be near the orbit, and far above rounding, which would need many periods to
 # grow to a motion of another kind.
 _DISTURBANCE = 1e-3
+_MAX_LINES = 5  # frequencies that are printed
 
 _AXES = {  # long names
     "frequency_ratio": "frequency of the floor over p",
@@ -338,3 +340,62 @@ def lowest_stable_amplitude(dataset: "xarray.Dataset") -> "xarray.DataArray":
     dataset = expand_scalars(dataset, *_AXES)
     stable = dataset.region == _FLAGS["region"][1].split().index("stable")
     return dataset.amplitude.where(stable).min("amplitude_ratio").sortby("frequency_ratio")
+
+
+def tabulate_regions(dataset: "xarray.Dataset") -> dict[str, object]:
+    """List the fractions of the points that rock in each way, and where steady rocking begins.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A harmonic spectrum.
+
+    Returns
+    -------
+    dict
+        ``region`` and ``from_rest`` by class [-]. With the units of one block also the
+        ``uplift_amplitude`` [m/s2], and ``rows`` of the ``frequency`` [Hz] and of the lowest
+        amplitude at which the block goes on rocking [m/s2].
+    """
+    table: dict[str, object] = {"model": dataset.attrs["model"], "sizes": dict(dataset.sizes)}
+    for name, (_, meanings) in _FLAGS.items():
+        counted = enumerate(meanings.split())
+        table[name] = {word: float((dataset[name] == k).mean()) for k, word in counted}
+    if "amplitude" in dataset.coords:
+        table["uplift_amplitude"] = dataset.attrs["uplift_amplitude"]
+        table["rows"] = [
+            {"frequency": float(lowest.frequency), "rocks_on_from": float(lowest)}
+            for lowest in lowest_stable_amplitude(dataset)
+        ]
+    return table
+
+
+def describe_regions(dataset: "xarray.Dataset") -> str:
+    """Write what `tabulate_regions` lists, of a few of the frequencies.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A harmonic spectrum.
+
+    Returns
+    -------
+    str
+    """
+    table: Any = tabulate_regions(dataset)
+    lines = [f"{dataset.region.size} points"]
+    for name, title in (("region", "steady rocking"), ("from_rest", "from rest")):
+        fractions = (f"{x:.1%} {word.replace('_', ' ')}" for word, x in table[name].items())
+        lines.append(f"{title}: {', '.join(fractions)}")
+    rows = table.get("rows", [])
+    shown = np.linspace(0, len(rows) - 1, min(len(rows), _MAX_LINES)).round().astype(int)
+    for row in (rows[k] for k in shown):
+        amplitude = row["rocks_on_from"]
+        lowest = " (the lowest examined)" * (amplitude == float(dataset.amplitude.min()))
+        keeps = f"keeps rocking from {amplitude:.3g} m/s2{lowest} on"
+        if math.isnan(amplitude):
+            keeps = "does not keep rocking steadily"
+        lines.append(f"at {row['frequency']:.3g} Hz: {keeps}")
+    if rows:
+        lines.append(f"lifted from rest at {table['uplift_amplitude']:.3g} m/s2")
+    return "\n".join(lines)

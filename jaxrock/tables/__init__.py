@@ -1,5 +1,6 @@
 """Tables and other text files: read with errors that name file and line, written in one style."""
 
+from .quantities import UNITS as UNITS
 from .schema import Column as Column
 from .schema import Contents as Contents
 from .schema import read_columns as read_columns

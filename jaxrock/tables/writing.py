@@ -8,6 +8,8 @@ from typing import TextIO
 
 import numpy as np
 
+from .quantities import UNITS
+
 
 def format_heading(name: str, unit: str = "") -> str:
     """Write the head of a column: its name, and its unit in brackets.
@@ -31,8 +33,8 @@ def write_inputs(file: TextIO, about: Mapping[str, object]) -> None:
 def write_csv(
     path: Path,
     columns: Mapping[str, Iterable[object]],
-    units: Mapping[str, str],
     about: Mapping[str, object],
+    units: Mapping[str, str] = UNITS,
 ) -> None:
     """Write a table with a head, below the inputs that it was computed from."""
     heads = [format_heading(name, units.get(name, "")) for name in columns]

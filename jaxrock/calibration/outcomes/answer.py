@@ -198,6 +198,34 @@ class OutcomeFit(Printed, eqx.Module):
             )
         return tuple(sentences)
 
+    def table(self) -> dict[str, list[object]]:
+        """List the parameters of the population, a row each, with their 90 % intervals.
+
+        Returns
+        -------
+        dict of list
+            ``parameter``, ``value``, ``low`` and ``high``.
+        """
+        intervals = self.compute_intervals()
+        # Its fields are in the order of the intervals.
+        fields = jax.tree.leaves(self.population)
+        values = np.concatenate([np.ravel(field) for field in fields]).tolist()
+        # The interval of the last correlation is that of a partial one.
+        intervals["correlation_frequency_parameter_restitution"] = (np.nan, np.nan)
+        rows = [
+            (name, value, *interval)
+            for (name, interval), value in zip(intervals.items(), values, strict=True)
+            if self._is_determined(name)
+        ]
+        heads = ("parameter", "value", "low", "high")
+        return dict(zip(heads, map(list, zip(*rows, strict=True)), strict=True))
+
+    def _is_determined(self, name: str) -> bool:
+        """Return whether the tests say anything of a parameter."""
+        if name == "group_deviation":
+            return self.grouped
+        return name != "peak_deviation" or self.data.log_peak is not None
+
     def __str__(self) -> str:
         overturned = int((np.asarray(self.data.overturned) * np.asarray(self.counts)).sum())
         in_groups = f" in {self.groups} groups" if self.grouped else ""
@@ -207,9 +235,7 @@ class OutcomeFit(Printed, eqx.Module):
         shown = [
             k
             for k, name in enumerate(FREE_NAMES)
-            if not name.startswith("correlation")
-            and (self.grouped or name != "group_deviation")
-            and (self.data.log_peak is not None or name != "peak_deviation")
+            if not name.startswith("correlation") and self._is_determined(name)
         ]
         names = []
         for k in shown:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...block import RECTANGLE_INERTIA_RATIO
 from ...ground_motion import Suite, describe_suite
-from ...host import add_names, make_dataset
+from ...host import add_names, format_table, make_dataset
 from ...resonance import ModelLike, Nonlinear
 from ...validation import Flags, Number, Numbers
 from .answer import OutcomeFit
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 PREDICTORS = ("blocks", "pgv", "pga", "base rate")
 _CONFIDENCE = 0.9  # of intervals of observed frequencies
+PEAK_SCORES = ("crps", "ks_distance", "ks_p_value")
 _SCORES = {
     "brier": ("Brier score", brier_score),
     "log_score": ("logarithmic score", log_score),
@@ -287,3 +288,75 @@ def _score_peaks(
     }
     variables["peak_rotation"] = ("test", measured, _describe("measured peak rotation", "rad"))
     return variables
+
+
+def tabulate_scores(scores: "xarray.Dataset") -> dict[str, list[object]]:
+    """List mean and standard deviation of each score over the splits, a row a predictor.
+
+    Parameters
+    ----------
+    scores : xarray.Dataset
+        From `cross_validate`.
+
+    Returns
+    -------
+    dict of list
+    """
+    columns = {"predictor": scores.predictor.values.tolist()}
+    for name in _SCORES:
+        columns[name] = scores[name].mean("split").values.tolist()
+        # One split says nothing of others.
+        several = scores[name] if scores.sizes["split"] > 1 else scores[name] * np.nan
+        columns[f"{name}_deviation"] = several.std("split", ddof=1).values.tolist()
+    return columns
+
+
+def tabulate_tests(scores: "xarray.Dataset") -> dict[str, list[object]]:
+    """List the tests with their motions, outcomes and predictions, a row each.
+
+    Parameters
+    ----------
+    scores : xarray.Dataset
+        From `cross_validate`.
+
+    Returns
+    -------
+    dict of list
+    """
+    names = ("group", "pgv", "pga", "overturned", "peak_rotation")
+    columns = {"name": scores.test.values.tolist()}
+    columns |= {name: scores[name].values.tolist() for name in names if name in scores}
+    for predictor, probability in scores.probability.groupby("predictor", squeeze=False):
+        columns[f"probability by {predictor}"] = probability.values.ravel().tolist()
+    return columns
+
+
+def describe_scores(scores: "xarray.Dataset") -> str:
+    """Write the scores of all predictors.
+
+    Parameters
+    ----------
+    scores : xarray.Dataset
+        From `cross_validate`.
+
+    Returns
+    -------
+    str
+    """
+    table = tabulate_scores(scores)
+    columns = {
+        name: [
+            f"{mean:.3f}" if np.isnan(deviation) else f"{mean:.3f} ± {deviation:.3f}"
+            for mean, deviation in zip(table[name], table[f"{name}_deviation"], strict=True)
+        ]
+        for name in _SCORES
+    }
+    title = f"scores for tests that were not fitted, {scores.sizes['split']} splits"
+    lines = [format_table(title, table["predictor"], **columns)]
+    if "crps" in scores:
+        means = (float(scores[name].mean("split")) for name in PEAK_SCORES)
+        lines.append(
+            "peak rotations: CRPS {:.4g} rad, Kolmogorov-Smirnov distance {:.3f}, its p-value"
+            " {:.3g}".format(*means)
+        )
+    return "\n".join(lines)

@@ -4,12 +4,14 @@ A response keeps the state after every event. The history at some time is integr
 last event before it, without a search for events.
 """
 
+from typing import TYPE_CHECKING, ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...host import Printed, Status, format_fields
+from ...host import Shown, Status, format_fields, make_dataset
 from ...resonance import RockingModel
 from ...validation import Booleans, Integers, Numbers, Reals, as_array, as_real, is_traced
 from ..equation import Equation
@@ -17,6 +19,9 @@ from ..overturning_criterion import TOPPLED_ROTATION
 from ..scene import Driven
 from .segment_integration import integrate_segment
 from .solver_steps import Segment, Stepper
+
+if TYPE_CHECKING:
+    import xarray
 
 # Times of a history in one call of the compiled program.
 _TIMES = 512
@@ -35,7 +40,7 @@ class Events(eqx.Module):
     velocity: Reals  # positive away from the ground
 
 
-class Response(Printed, eqx.Module):
+class Response(Shown, eqx.Module):
     """The response of one block to a ground motion; see `respond`.
 
     Attributes
@@ -94,6 +99,8 @@ class Response(Printed, eqx.Module):
     scene: Driven
     model: RockingModel
 
+    picture: ClassVar[str] = "plot_response"
+
     def history(self, time: Numbers) -> tuple[Reals, Reals]:
         """Compute rotation and angular velocity over time, to the accuracy of the integration.
 
@@ -143,6 +150,31 @@ class Response(Printed, eqx.Module):
         joined = np.concatenate(histories, axis=-1)[:, : times.size]
         return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
 
+    def table(self, time: Numbers) -> "xarray.Dataset":
+        """Tabulate the motion.
+
+        Parameters
+        ----------
+        time : array_like, shape (n,)
+            [s]
+
+        Returns
+        -------
+        xarray.Dataset
+            ``rotation`` [rad], ``velocity`` [rad/s] and ``rotation_ratio`` [-] over time.
+        """
+        rotation, velocity = self.history(time)
+        ratio = rotation / self.scene.block.critical_angle
+        variables = {
+            "rotation": ("time", rotation, {"long_name": "rotation", "units": "rad"}),
+            "velocity": ("time", velocity, {"long_name": "angular velocity", "units": "rad s-1"}),
+            "rotation_ratio": (
+                "time", ratio, {"long_name": "rotation over critical angle", "units": "1"}
+            ),
+        }  # fmt: skip
+        axis = {"time": ("time", np.asarray(time), {"long_name": "time", "units": "s"})}
+        return make_dataset("Response of a rocking block", variables, axis, {})
+
     def __str__(self) -> str:
         if jnp.ndim(self.status) or is_traced(self.status):
             units = {"peak_rotation": "rad", "peak_time": "s", "impacts": ""}
@@ -160,8 +192,8 @@ class Response(Printed, eqx.Module):
             f"{'overturns' if self.overturned else 'stands'},"
             f" margin {self.margin:.4g} when the input ends"
             f" ({'' if self.margin < 0 else '1 at rest, '}below 0 it overturns)",
-            f"peak rotation {self.peak_rotation:.6g} rad = {self.peak_rotation / angle:.4g}"
-            f" alpha_c at {self.peak_time:.4g} s",
+            f"peak rotation {self.peak_rotation:.3g} rad, {self.peak_rotation / angle:.3g} of the"
+            f" critical angle, at {self.peak_time:.4g} s",
             f"{self._count_impacts()}, {end} at the end",
             f"the block leaves the ground at {self.contact_loss_time:.4g} s; the model ends there"
             if self.normal_force <= 0

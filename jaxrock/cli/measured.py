@@ -1,0 +1,136 @@
+"""The commands about measured blocks: impact times, and tests that overturned or stood."""
+
+from pathlib import Path
+
+import numpy as np
+
+from .. import calibration
+from ..validation import POSITIVE, check
+from .answers import Answer, list_rows
+from .motion_options import FloorOptions
+from .options import BlockOptions, Count, FileOutput, ModelName, refuse
+
+_FILES = (
+    *("validation.nc", "tests.csv", "scores.csv", "population.csv"),
+    *("reliability.png", "outcomes.png"),
+)
+
+
+def fit(
+    file: Path,
+    *,
+    model: ModelName | None = None,
+    time_noise: float | None = None,
+    block_options: BlockOptions = BlockOptions(),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Fit restitution, and if need be frequency parameter p, to impact times of a block.
+
+    In a test the block is tilted and let go; a microphone or an accelerometer beside it hears
+    the impacts. The file has a line for each impact below the names of its columns: time [s],
+    or [ms], and optionally peak rotation [rad], or [deg], the largest one before the next
+    impact. Without a width the block is unknown, and p is fitted too. Writes fit.csv, with a
+    line for each time, and fit.png.
+
+    Example: jaxrock fit times.csv
+
+    Example: jaxrock fit times.csv --width 0.2 --height 1
+
+    Parameters
+    ----------
+    file
+        The file with the times of the impacts.
+    model
+        Equation of motion. By default nonlinear with a block; always linearized without one.
+    time_noise
+        Standard deviation of a measured time [s]; by default estimated from the residuals.
+    """
+    block = block_options.block_if_given
+    refuse("where it is fitted", restitution=block_options.restitution)
+    if block is None:
+        refuse("without --width", model=model)
+    if time_noise is not None:
+        check("time_noise", time_noise, POSITIVE)
+    times, peaks = calibration.read_impact_times(file)
+    with output.write("fit", "fit.csv", "fit.png", dataset=False) as files:
+        fitted = calibration.fit_free_rocking(
+            times, block, peak_rotations=peaks, model=model, time_noise=time_noise
+        )
+        columns = fitted.table()
+        if peaks is not None:
+            columns["peak_rotation"] = [*peaks.tolist(), float("nan")]
+        files.write_csv("fit.csv", columns)
+        files.save_picture("fit.png", fitted.plot())
+    data = {**fitted.summarize(), "rows": list_rows(columns)}
+    return Answer(fitted, data, output, files.paths)
+
+
+def validate(
+    file: Path,
+    *,
+    splits: Count = 40,
+    seed: Count = 0,
+    samples: Count | None = None,
+    model: ModelName = "nonlinear",
+    block_options: BlockOptions = BlockOptions(),
+    floor_options: FloorOptions = FloorOptions(),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Fit blocks to tests with known outcomes, and score their predictions for other tests.
+
+    The file has a line with the names of its columns, and below it a line for each test.
+    Columns are file (the motion), overturned (yes or no), and optionally unit, time step [s],
+    column, scale, group, peak rotation [rad] and name. A group, such as an earthquake, is
+    fitted as a whole or not at all. In each split, blocks are fitted to half of the groups
+    and predict the other half; for comparison the same is done with a rule in PGV, a rule in
+    PGA, and the base rate, which is the frequency of overturning.
+    The block need not be known. Give its size if you know it.
+
+    Writes validation.nc, tests.csv, scores.csv, population.csv, reliability.png and
+    outcomes.png.
+
+    Example: jaxrock validate tests.csv
+
+    Parameters
+    ----------
+    file
+        The file with the tests.
+    splits
+        Number of random splits of the groups into a fitted and a predicted half.
+    seed
+        Seed of the splits and of the blocks.
+    samples
+        Number of blocks that are simulated under each motion, a power of 2. If not given,
+        8192 for up to 128 tests, 4096 for up to 256, 2048 for more.
+    model
+        Equation of motion.
+    """
+    refuse("where it is fitted", restitution=block_options.restitution)
+    tests = calibration.read_tests(file)
+    measured = ("overturned", "groups", "peak_rotations")
+    body = ("gravity", "inertia_ratio", "one_sided")
+    campaign = calibration.check_campaign(
+        suite=floor_options.put_on_floor(tests.suite),
+        **{name: getattr(tests, name) for name in measured},
+        **{name: getattr(block_options, name) for name in body},
+        **{"samples": samples, "seed": seed, "model": model},
+        prior=block_options.block_if_given,
+    )
+    with output.write("validation", *_FILES, dataset=False) as files:
+        from ..plot import plot_outcomes, plot_reliability
+
+        fitted, scores = calibration.fit_and_score(campaign, splits)
+        summary = calibration.tabulate_scores(scores)
+        scores.assign_attrs(files.about).to_netcdf(files.folder / "validation.nc")
+        files.write_csv("tests.csv", calibration.tabulate_tests(scores))
+        files.write_csv("scores.csv", summary)
+        files.write_csv("population.csv", fitted.table())
+        files.save_picture("reliability.png", plot_reliability(scores))
+        files.save_picture("outcomes.png", plot_outcomes(scores))
+    peaks = {n: float(scores[n].mean()) for n in calibration.PEAK_SCORES if n in scores}
+    numbers = {"tests": fitted.tests, "overturned": int(np.sum(tests.overturned))}
+    numbers |= {"groups": fitted.groups, "blocks": scores.attrs["blocks"]}
+    rows = {"scores": list_rows(summary), "population": list_rows(fitted.table())}
+    data = {**numbers, **rows, **peaks, "remarks": fitted.remarks}
+    text = f"{tests.suite}\n{calibration.describe_scores(scores)}\n{fitted}"
+    return Answer(text, data, output, files.paths)

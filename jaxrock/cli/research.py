@@ -1,0 +1,219 @@
+"""The commands of research: spectra over grids, harmonic floors, measured errors, the paper."""
+
+import math
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from .. import spectra
+from ..accuracy import measure_tradeoff
+from ..block import RECTANGLE_INERTIA_RATIO
+from ..driven import DrivenScene, uplift_acceleration
+from ..grids import compute_overturned_fraction
+from ..impact import describe_assumed_restitution
+from ..reports import paper as report_of_paper
+from ..resonance import Scene, as_model
+from .answers import Answer
+from .motion_options import MotionOptions
+from .options import BlockOptions, Count, FileOutput, Grid, ModelName, read_axis, refuse
+
+
+def spectrum(  # noqa: PLR0913
+    *,
+    slenderness: Grid = ("3:10:141",),
+    width: Grid = (0.4, 0.6, 0.8, 1.0, 1.2),
+    restitution: Grid | None = None,
+    intensity: Grid = (0.15,),
+    gravity: float = 9.81,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
+    model: Literal["linearized", "nonlinear", "auto"] = "linearized",
+    tolerance: float | None = None,
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Compute resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
+
+    Writes spectrum.nc, spectrum.csv and spectrum.png. Give the values of the grid one by one,
+    or as START:STOP:COUNT.
+
+    Example: jaxrock spectrum --slenderness 3:10:15 --width 0.4 0.8 --restitution 0.7
+
+    Parameters
+    ----------
+    slenderness
+        Height over width [-].
+    width
+        Full widths 2b of the base [m].
+    restitution
+        Coefficients of restitution [-], 0 to 1. If not given 0.6, 0.7 and 0.8; against a wall
+        0.4, 0.45 and 0.5.
+    intensity
+        Change of ground velocity in each pulse [m/s].
+    gravity
+        Acceleration of gravity [m/s2].
+    inertia_ratio
+        Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
+    one_sided
+        The blocks stand against a wall, and rock away from it only.
+    model
+        Equation of free rocking; auto takes the cheapest equation within the tolerance at
+        each point.
+    tolerance
+        Allowed relative error, for the model auto. 1e-3 if not given.
+    """
+    if model != "auto":
+        refuse("without --model auto", tolerance=tolerance)
+    default = (0.4, 0.45, 0.5) if one_sided else (0.6, 0.7, 0.8)
+    given = {"slenderness": slenderness, "width": width, "restitution": restitution or default}
+    axes = [read_axis(name, grid) for name, grid in (given | {"intensity": intensity}).items()]
+    with output.write("spectrum") as files:
+        from ..plot import plot_spectrum
+
+        # Into the file, part by part: a large grid need not fit into memory.
+        with spectra.resonance_spectrum(
+            *axes,
+            model=model,
+            tolerance=1e-3 if tolerance is None else tolerance,
+            gravity=gravity,
+            inertia_ratio=inertia_ratio,
+            one_sided=one_sided,
+            store=files.folder / "spectrum.nc",
+        ) as dataset:
+            files.write_dataset(dataset, plot_spectrum(dataset))
+            overturned = compute_overturned_fraction(dataset)
+            sizes = dict(dataset.sizes)
+    text = f"{math.prod(sizes.values())} scenes, {100 * overturned:.1f} % of them overturn"
+    assumed = f"\nC = {', '.join(f'{c:g}' for c in default)} (assumed)" * (restitution is None)
+    data = {"sizes": sizes, "model": model, "overturned": overturned}
+    return Answer(text + assumed, data, output, files.paths)
+
+
+def harmonic(
+    *,
+    frequency_ratio: Grid | None = None,
+    amplitude_ratio: Grid | None = None,
+    frequency: Grid | None = None,
+    amplitude: Grid | None = None,
+    model: ModelName = "nonlinear",
+    cycles: Count = 100,
+    block_options: BlockOptions = BlockOptions(),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Map steady rocking on a harmonic floor, over its frequency and amplitude.
+
+    The map shows where the block rocks steadily with one impact in every half period, whether
+    this motion is stable, and how high the block rocks. Where it is not stable, the map shows
+    the outcome of a launch near it. The files also have the outcome of a start from rest. With
+    a width, the axes are in Hz and m/s2. Without a width they are ratios, and the map holds
+    for every size of block. Writes harmonic.nc, harmonic.csv and harmonic.png.
+
+    Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45
+
+    Example: jaxrock harmonic --width 0.4 --height 2 --frequency 0.5:5:46
+
+    Parameters
+    ----------
+    frequency_ratio
+        Frequency of the floor over p [-]. 1:12:45 if not given.
+    amplitude_ratio
+        Amplitude of the floor over the amplitude that just lifts the block [-]. If not given,
+        60 logarithmically spaced values from 0.05 to 12.
+    frequency
+        Frequency of the floor [Hz], if a width is given.
+    amplitude
+        Amplitude of the floor [m/s2], if a width is given.
+    model
+        Equation of motion.
+    cycles
+        Number of simulated periods of the floor.
+    """
+    with_size = block_options.width is not None
+    ratios = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
+    in_units = {"frequency": frequency, "amplitude": amplitude}
+    if with_size:
+        refuse("with --width", **ratios)
+    else:
+        refuse("without --width", height=block_options.height, **in_units)
+        # Ratios do not depend on the size: 1 m stands in.
+        slenderness = block_options.slenderness or 5.0
+        block_options = replace(block_options, width=1.0, slenderness=slenderness)
+    block = block_options.block
+    frequencies = read_axis("frequency_ratio", frequency_ratio or ("1:12:45",))
+    amplitudes = np.geomspace(0.05, 12, 60)
+    if amplitude_ratio is not None:
+        amplitudes = read_axis("amplitude_ratio", amplitude_ratio)
+    if frequency is not None:
+        unit = float(block.frequency_parameter) / (2 * np.pi)
+        frequencies = read_axis("frequency", frequency) / unit
+    if amplitude is not None:
+        unit = float(uplift_acceleration(block, as_model(model)))
+        amplitudes = read_axis("amplitude", amplitude) / unit
+    c = block_options.restitution
+    with output.write("harmonic") as files:
+        from ..plot import plot_harmonic
+
+        body = {n: float(getattr(block, n)) for n in ("slenderness", "inertia_ratio")}
+        asked = {"restitution": c, "model": model, "cycles": cycles}
+        dataset = spectra.harmonic_spectrum(frequencies, amplitudes, **body, **asked)
+        if with_size:
+            dataset = spectra.add_size(dataset, block)
+        files.write_dataset(dataset, plot_harmonic(dataset))
+    assumed = f"\n{describe_assumed_restitution(block)}" * (c is None)
+    text = f"{spectra.describe_regions(dataset)}{assumed}"
+    return Answer(text, spectra.tabulate_regions(dataset), output, files.paths)
+
+
+def tradeoff(
+    *,
+    intensity: float | None = None,
+    block_options: BlockOptions = BlockOptions(),
+    motion_options: MotionOptions = MotionOptions(),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Measure error and time of each equation, solver and precision on this machine.
+
+    The block is under a pulse or a record, or with --intensity under pulses right after each
+    impact. Without a block, it is one under a short half-sine pulse. Writes tradeoff.nc,
+    tradeoff.csv and tradeoff.png.
+
+    Example: jaxrock tradeoff --width 0.8 --height 4 --record example
+
+    Parameters
+    ----------
+    intensity
+        Change of ground velocity in each instantaneous pulse [m/s].
+    """
+    block = block_options.block_if_given
+    scene = None
+    if block is None:
+        motion_options.refuse("without --width")
+        refuse("without --width", intensity=intensity)
+    elif intensity is None:
+        scene = DrivenScene(block, block_options.coefficient, motion_options.read())
+    else:
+        motion_options.refuse("with --intensity")
+        scene = Scene(block, block_options.coefficient, intensity)
+    with output.write("tradeoff") as files:
+        measured = measure_tradeoff(scene)
+        files.write_dataset(measured.dataset, measured.plot())
+    rows = measured.dataset.to_dataframe().to_dict("records")
+    data = {"rows": rows, "sentence": measured.sentence(), "notes": measured.notes()}
+    return Answer(measured, data, output, files.paths)
+
+
+def paper(*, output: FileOutput = FileOutput()) -> Answer:
+    """Regenerate the paper's tables and figures and compare them with what it prints.
+
+    Writes report.md, the tables as CSV and the figures as PNG. Exits with 1 if anything
+    disagrees that is not a known fault of the paper.
+
+    Example: jaxrock paper --out paper
+    """
+    with output.write("paper", *report_of_paper.FILES, dataset=False) as files:
+        report = report_of_paper.regenerate()
+        report_of_paper.write(report, files.folder)
+    mismatches = [f"mismatch: {line}" for line in report.mismatches]
+    text = "\n".join([report_of_paper.summarize(report), *mismatches])
+    # By the exit code a test run can tell that something disagrees.
+    return Answer(text, report.count(), output, files.paths, code=1 if mismatches else 0)

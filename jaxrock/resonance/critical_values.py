@@ -1,0 +1,130 @@
+"""Everything that pulses right after each impact just overturn, in one table."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..block import Block
+from ..host import Printed, format_table
+from ..impact import describe_scene
+from ..validation import NON_NEGATIVE, Number, check
+from .inverse_design import (
+    critical_intensity,
+    critical_restitution,
+    critical_slenderness,
+    critical_width,
+)
+
+
+@dataclass(frozen=True, repr=False)
+class CriticalValues(Printed):
+    """Critical values of a block under pulses right after each impact; see `critical_values`.
+
+    Attributes
+    ----------
+    block, restitution, intensity : Block, float, float
+        The arguments.
+    columns : dict of list
+        A value for each number of half-cycles and each model.
+    """
+
+    block: Block
+    restitution: Number
+    intensity: float
+    columns: dict[str, list[object]]
+
+    def table(self) -> dict[str, list[object]]:
+        """List the columns of the table by name.
+
+        Returns
+        -------
+        dict of list
+        """
+        return self.columns
+
+    def __str__(self) -> str:
+        columns = self.columns
+        names = [
+            f"{'unlimited' if math.isinf(count) else f'{count:g}'}, {model}"
+            for count, model in zip(columns["half_cycles"], columns["model"], strict=True)
+        ]
+        heads = {
+            "intensity [m/s]": "critical_intensity",
+            "width [m]": "width_at_this_height",
+            "size [m]": "width_at_this_slenderness",
+            "height [m]": "height_at_this_width",
+            "restitution": "critical_restitution",
+        }
+        shown = {
+            head: [
+                f"{x:.5g}".replace("nan", "none").replace("inf", "any") for x in columns[name]
+            ]
+            for head, name in heads.items()
+        }
+        sentence = (
+            "intensity: the pulses that just overturn this block in so many half-cycles; width"
+            " at this height,\nsize as the width at this slenderness, height at this width,"
+            f" restitution: of the block that pulses of {self.intensity:g} m/s just overturn"
+        )
+        scene = describe_scene(self.block, self.restitution)
+        return f"{scene}\n{format_table(sentence, names, **shown)}"
+
+
+def critical_values(
+    block: Block,
+    restitution: Number,
+    intensity: float = 0.15,
+    half_cycles: Sequence[float] = (1.0, 2.0, 5.0, math.inf),
+) -> CriticalValues:
+    """Compute by both models what just overturns one block in each number of half-cycles.
+
+    Parameters
+    ----------
+    block, restitution : Block, float
+        A single block, and C [-].
+    intensity : float
+        Change of ground velocity in each pulse [m/s], under which the critical sizes and the
+        critical restitution are sought.
+    half_cycles : sequence of float
+        Whole numbers from 1 on, or inf.
+
+    Returns
+    -------
+    CriticalValues
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, or not single.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> values = jr.resonance.critical_values(jr.Block(0.4, 5.0), 0.7)
+    >>> print(f"{values.table()['critical_intensity'][1]:.3f} m/s")
+    1.038 m/s
+    """
+    check("intensity", intensity, NON_NEGATIVE)
+    cases = list(itertools.product(half_cycles, ("linearized", "nonlinear")))
+    functions = {
+        "critical_intensity": lambda *case: critical_intensity(block, restitution, *case),
+        "width_at_this_height": lambda *case: critical_width(
+            block, restitution, intensity, *case, fixed="height"
+        ),
+        "width_at_this_slenderness": lambda *case: critical_width(
+            block, restitution, intensity, *case, fixed="slenderness"
+        ),
+        "critical_slenderness": lambda *case: critical_slenderness(
+            block, restitution, intensity, *case
+        ),
+        "critical_restitution": lambda *case: critical_restitution(block, intensity, *case),
+    }
+    counts, models = zip(*cases, strict=True)
+    columns: dict[str, list[object]] = {"half_cycles": [*counts], "model": [*models]}
+    for name, function in functions.items():
+        columns[name] = [float(function(*case)) for case in cases]
+    width = float(block.width)
+    heights = [width * float(value) for value in columns["critical_slenderness"]]
+    columns["height_at_this_width"] = heights
+    return CriticalValues(block, restitution, intensity, columns)
