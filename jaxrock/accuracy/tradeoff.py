@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, ClassVar, cast
+from typing import TYPE_CHECKING, cast
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ import numpy as np
 from ..block import Block
 from ..driven import DrivenScene, respond, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
-from ..host import Shown, announce, make_dataset, show_progress
+from ..host import Printed, announce, make_dataset, show_progress
 from ..impact import count_half_cycles
 from ..resonance import (
     Nonlinear,
@@ -79,7 +79,7 @@ class _Dials:
 
 
 @dataclass(frozen=True, repr=False)
-class Tradeoff(Shown):
+class Tradeoff(Printed):
     """Error and time of each setting; see `measure_tradeoff`.
 
     Attributes
@@ -95,7 +95,6 @@ class Tradeoff(Shown):
     """
 
     dataset: "xarray.Dataset"
-    picture: ClassVar[str] = "plot_tradeoff"
 
     def best(self, tolerance: float, batch: int | None = None) -> str | None:
         """Name the fastest setting within a relative tolerance.

@@ -75,7 +75,7 @@ class Files:
         # A large dataset has been written already, part by part.
         if not (self.folder / f"{self.name}.nc").exists():
             dataset.to_netcdf(self.folder / f"{self.name}.nc")
-        if isinstance(table, Mapping):
+        if isinstance(table, dict):
             self.write_csv(f"{self.name}.csv", table)
         else:
             write_table(dataset if table is None else table, self.folder / f"{self.name}.csv")

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 
 import jax
-from cyclopts import App, CoercionError, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter
 
 from ..host import read_version
 from .answers import Answer
@@ -22,9 +22,9 @@ from .compiled_programs import keep_compiled
 from .measured import fit, validate
 from .one_block import assess, critical, respond
 from .options import COMMAND_LINE
-from .research import harmonic, paper, spectrum, tradeoff
+from .research import harmonic, paper, rocking_spectrum, spectrum, tradeoff
 from .sensitivity import driven_sensitivity, sensitivity
-from .suites import fragility, inventory, rocking_spectrum
+from .suites import fragility, inventory
 
 # In the order in which help lists them, by panels. The name of a command is the one of its
 # function, with dashes; its options are the parameters, its help is the docstring.
@@ -99,14 +99,11 @@ def run_command(words: Sequence[str]) -> int:
 
 def _compute_answer(words: Sequence[str]) -> Answer | None:
     """Return the answer of a command; None after help or the version, which are printed."""
-    dashes = [word for word in words if word[:1] in "\N{EN DASH}\N{EM DASH}" and word]
-    if dashes:
-        option = dashes[0].lstrip("\N{EN DASH}\N{EM DASH}-")
-        raise ValueError(f"{dashes[0]!r} begins with a long dash; type --{option}")
-    if not words or (
-        words[0].startswith("-") and words[0] not in ("--help", "-h", "--version")
-    ):
-        raise ValueError("a command must come first; jaxrock --help lists them")
+    for word in words:
+        if word[:1] in ("\N{EN DASH}", "\N{EM DASH}"):
+            raise ValueError(
+                f"{word!r} begins with a long dash; type two hyphens, as in --width"
+            )
     COMMAND_LINE.set(shlex.join(["jaxrock", *words]))
     try:
         command, given, _ = make_application().parse_args(
@@ -114,9 +111,10 @@ def _compute_answer(words: Sequence[str]) -> Answer | None:
         )
     except CycloptsError as error:
         sentence = " ".join(str(error).split()).rstrip(".")
-        if isinstance(error, CoercionError) and error.target_type in (int, float):
-            sentence += "; type a number alone, with a decimal point and without its unit"
-        raise ValueError(f"{sentence}; see jaxrock {words[0]} --help") from None
+        raise ValueError(
+            f"{sentence}; write numbers without units behind their options, as in --width 0.8;"
+            " jaxrock COMMAND --help lists options and units"
+        ) from None
     # Help and the version are functions of cyclopts, which print when they are called.
     answer = command(*given.args, **given.kwargs)
     return answer if isinstance(answer, Answer) else None

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from .. import calibration
-from ..validation import POSITIVE, check
 from .answers import Answer, list_rows
 from .motion_options import FloorOptions
 from .options import BlockOptions, Count, FileOutput, ModelName, refuse
@@ -49,8 +48,6 @@ def fit(
     refuse("where it is fitted", restitution=block_options.restitution)
     if block is None:
         refuse("without --width", model=model)
-    if time_noise is not None:
-        check("time_noise", time_noise, POSITIVE)
     times, peaks = calibration.read_impact_times(file)
     with output.write("fit", "fit.csv", "fit.png", dataset=False) as files:
         fitted = calibration.fit_free_rocking(

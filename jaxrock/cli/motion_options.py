@@ -6,17 +6,8 @@ from typing import Literal
 
 from cyclopts import Group, Parameter
 
-from ..ground_motion import (
-    FLOOR_PERIOD,
-    PULSES,
-    Motion,
-    Suite,
-    choose_floor_step,
-    example_record,
-    find_suite,
-    read_record,
-    read_suite,
-)
+from .. import ground_motion
+from ..ground_motion import Motion, Suite
 from ..risk import Hazard, read_hazard
 from ..validation import POSITIVE, check
 from .options import refuse
@@ -47,9 +38,9 @@ class FloorOptions:
         if self.floor_period is None:
             refuse("without --floor-period", **{f"floor_{n}": v for n, v in floor.items()})
             return suite
-        check("floor_period", self.floor_period, FLOOR_PERIOD)
+        check("floor_period", self.floor_period, ground_motion.FLOOR_PERIOD)
         given = {name: value for name, value in floor.items() if value is not None}
-        step = choose_floor_step(self.floor_period)
+        step = ground_motion.choose_floor_step(self.floor_period)
         return suite.on_floor(self.floor_period, time_step=step, **given)
 
 
@@ -67,10 +58,10 @@ class RecordOptions(FloorOptions):
         """Read the records of a folder, or take the suite of this name; on their floor."""
         stated = {"unit": self.unit, "time_step": self.time_step}
         if Path(records).exists():
-            suite = read_suite(records, **stated, vertical=vertical)
+            suite = ground_motion.read_suite(records, **stated, vertical=vertical)
         else:
             refuse(f"with --records {records}", **stated)
-            suite = find_suite(records, vertical)
+            suite = ground_motion.find_suite(records, vertical)
         return self.put_on_floor(suite)
 
 
@@ -135,16 +126,16 @@ class MotionOptions(RecordOptions):
             if self.amplitude is None or self.pulse_duration is None:
                 raise ValueError("--amplitude and --pulse-duration must be given with --pulse")
             check("pulse_duration", self.pulse_duration, POSITIVE)
-            return PULSES[self.pulse](self.amplitude, self.pulse_duration)
+            return ground_motion.PULSES[self.pulse](self.amplitude, self.pulse_duration)
         refuse("with --record", **{name: getattr(self, name) for name in _OF_PULSES})
         stated = {name: getattr(self, name) for name in _OF_RECORDS}
         if self.record == "example":
             vertical = stated.pop("vertical") is not None
             column = stated.pop("column") or "north"
             refuse("with --record example", **stated)
-            record = example_record(column, vertical=vertical)
+            record = ground_motion.example_record(column, vertical=vertical)
         else:
-            record = read_record(self.record, **stated)
+            record = ground_motion.read_record(self.record, **stated)
         return self.put_on_floor(Suite([record])).records[0]
 
 

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from ..ground_motion import PULSES, Record, describe_strength
 from ..host import Status
 from ..reports import assess as assess_scene
 from ..reports import assess_block
-from ..validation import POSITIVE, check
 from .answers import Answer, list_rows
 from .motion_options import MotionOptions
 from .options import BlockOptions, FileOutput, Grid, ModelName, Output, read_numbers, refuse
@@ -87,8 +85,6 @@ def respond(
     model
         Equation of motion.
     """
-    if duration is not None:
-        check("duration", duration, POSITIVE)
     block, c = block_options.block, block_options.coefficient
     motion = motion_options.read()
     title = f"{block_options.text}, {motion_options.text}"
@@ -113,7 +109,8 @@ def respond(
         files.write_csv("impacts.csv", columns, scene=title)
     data = {"status": status.name.lower(), "uplift_factor": uplift}
     data |= {name: np.asarray(getattr(response, name)).item() for name in _SUMMARY}
-    lines = [title, *[describe_strength(motion)] * isinstance(motion, Record), str(response)]
+    strength = describe_strength(motion) if isinstance(motion, Record) else str(motion)
+    lines = [title, strength, str(response)]
     stands = ~np.asarray(nearby.overturned)
     ratios = np.asarray(nearby.peak_rotation / block.critical_angle)[stands]
     peaks = []
@@ -168,18 +165,32 @@ def critical(
     """
     if motion_options.given:
         refuse("with a pulse or a record", intensity=intensity, half_cycles=half_cycles)
-        return _find_boundaries(block_options, motion_options, along, values, model, output)
-    motion_options.refuse("without --pulse or --record")
-    refuse("without --pulse or --record", along=along, values=values, model=model)
-    pulse = 0.15 if intensity is None else intensity
-    counts = (1.0, 2.0, 5.0, math.inf) if half_cycles is None else half_cycles
-    scene = (block_options.block, block_options.coefficient)
-    found = resonance.critical_values(*scene, pulse, counts)
-    about = {"scene": block_options.text, "intensity": pulse}
-    files = _write_limits(
-        output, found.table(), about, lambda plot: plot.plot_critical_intensity(*scene, pulse)
-    )
-    return Answer(found, {"rows": list_rows(found.table())}, output, files)
+        title, found, lines, data, draw = _find_boundaries(
+            block_options, motion_options, along, values, model or "nonlinear"
+        )
+    else:
+        motion_options.refuse("without --pulse or --record")
+        refuse("without --pulse or --record", along=along, values=values, model=model)
+        scene = (block_options.block, block_options.coefficient)
+        title = block_options.text
+        pulse = 0.15 if intensity is None else intensity
+        found = resonance.critical_values(
+            *scene, pulse, half_cycles or (1.0, 2.0, 5.0, math.inf)
+        )
+        lines, data = [found], {}
+
+        draw = lambda plot: plot.plot_critical_intensity(*scene, pulse)  # noqa: E731
+
+    paths: Sequence[Path] = ()
+    if output.out is not None:
+        from .. import plot
+
+        with output.write("critical", "critical.csv", "critical.png", dataset=False) as files:
+            files.write_csv("critical.csv", found.table(), scene=title)
+            files.save_picture("critical.png", draw(plot), title)
+        paths = files.paths
+    data = {"rows": list_rows(found.table()), **data}
+    return Answer("\n".join(map(str, lines)), data, output, paths)
 
 
 def _find_boundaries(
@@ -187,10 +198,11 @@ def _find_boundaries(
     options: MotionOptions,
     along: str | None,
     values: Grid | None,
-    model: ModelName | None,
-    output: FileOutput,
-) -> Answer:
-    """Find what lifts the block, and the boundaries along a quantity."""
+    model: ModelName,
+) -> tuple[
+    str, overturning.Boundaries, list[object], dict[str, object], Callable[..., object]
+]:
+    """Find what lifts the block, and the boundaries along a quantity; and how to draw them."""
     block, c = block_options.block, block_options.coefficient
     title = f"{block_options.text}; {options.text}"
     along = along or ("amplitude" if options.pulse else "factor")
@@ -201,7 +213,7 @@ def _find_boundaries(
         refuse("where it is sought", **{replaced: getattr(options, replaced)}, scale=scale)
         # A pulse needs a value of the quantity sought, which the search replaces: 1 stands in.
         options = replace(options, **{replaced: 1.0})
-    motion, known = options.read(), {"model": model or "nonlinear"}
+    motion, known = options.read(), {"model": model}
     # The motion has 1 m/s2 where the amplitude is sought: this factor is the amplitude then.
     uplift = float(overturning.uplift_factor(block, motion, **known))
     if values is not None or strength != along:
@@ -223,32 +235,9 @@ def _find_boundaries(
     driven.require_complete(
         found.complete, **{along: f"between {limits[0]:g} and {limits[1]:g}"}
     )
-    mark = uplift if strength == along else None
-    files = _write_limits(
-        output,
-        found.table(),
-        {"scene": title},
-        lambda plot: plot.plot_boundaries(found, limits, uplift=mark),
-    )
     lifts = f"{strength} {overturning.format_value(strength, uplift)} just lifts the block"
     span = f"examined: {along} from {limits[0]:.4g} to {limits[1]:.4g}"
-    data = {"rows": list_rows(found.table()), f"uplift_{strength}": uplift, "along": along}
-    data |= {"examined": limits, **known}
-    return Answer("\n".join([title, lifts, str(found), span]), data, output, files)
-
-
-def _write_limits(
-    output: FileOutput,
-    columns: dict[str, list[object]],
-    about: dict[str, object],
-    draw: Callable[[ModuleType], object],
-) -> Sequence[Path]:
-    """Write the table and the picture of limits, where a folder is given."""
-    if output.out is None:
-        return ()
-    with output.write("critical", "critical.csv", "critical.png", dataset=False) as files:
-        from .. import plot
-
-        files.write_csv("critical.csv", columns, **about)
-        files.save_picture("critical.png", draw(plot), str(about["scene"]))
-    return files.paths
+    data = {f"uplift_{strength}": uplift, "along": along, "examined": limits, **known}
+    mark = {"uplift": uplift} if strength == along else {}
+    lines = [title, lifts, found, span]
+    return title, found, lines, data, lambda plot: plot.plot_boundaries(found, limits, **mark)

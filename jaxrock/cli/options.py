@@ -1,14 +1,14 @@
 """The groups of options that commands share: one block, the output; and grids of numbers."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from cyclopts import CoercionError, Group, Parameter, Token
+from cyclopts import Group, Parameter
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..grids import as_axis
@@ -23,15 +23,8 @@ ModelName = Literal["linearized", "nonlinear"]
 COMMAND_LINE: ContextVar[str] = ContextVar("command line", default="")
 
 
-def _convert_count(_: type, tokens: Sequence[Token]) -> int:
-    """Convert a word to a whole number; cyclopts itself would round 1.5."""
-    try:
-        return int(tokens[0].value)
-    except ValueError:
-        raise CoercionError(token=tokens[0], target_type=int) from None
-
-
-Count = Annotated[int, Parameter(converter=_convert_count)]
+# cyclopts itself would round 1.5.
+Count = Annotated[int, Parameter(converter=lambda _, tokens: int(tokens[0].value))]
 
 
 def read_numbers(name: str, values: Grid) -> list[float]:

@@ -1,4 +1,4 @@
-"""The commands of research: spectra over grids, harmonic floors, measured errors, the paper."""
+"""The commands of research: spectra, harmonic floors, measured errors, the paper."""
 
 import math
 from dataclasses import replace
@@ -89,6 +89,55 @@ def spectrum(  # noqa: PLR0913
     return Answer(text + assumed, data, output, files.paths)
 
 
+def rocking_spectrum(
+    *,
+    free_period: Grid = ("1:4:241", "4.05:8:80"),
+    slenderness: Grid = (4.0, 6.0, 8.0),
+    restitution: Grid | None = None,
+    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
+    motion_options: MotionOptions = MotionOptions(),
+    output: FileOutput = FileOutput(),
+) -> Answer:
+    """Compute the rocking spectrum of a motion: peak rotation over the size of the block.
+
+    Writes rocking_spectrum.nc, .csv and .png.
+
+    Example: jaxrock rocking-spectrum --record example --scale 1.5
+
+    Parameters
+    ----------
+    free_period
+        2 pi / p of the blocks [s].
+    slenderness
+        Height over width [-].
+    restitution
+        Velocity after an impact over velocity before it [-], 0 to 1. If not given 0.9;
+        against a wall computed from the size.
+    inertia_ratio
+        Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
+    one_sided
+        The blocks stand against a wall, and rock away from it only.
+    """
+    motion = motion_options.read()
+    given = {"free_period": free_period, "slenderness": slenderness}
+    if restitution is not None or not one_sided:
+        given["restitution"] = restitution or (0.9,)
+    axes = {name: read_axis(name, grid) for name, grid in given.items()}
+    body = {"inertia_ratio": inertia_ratio, "one_sided": one_sided}
+    with output.write("rocking_spectrum") as files:
+        from ..plot import plot_rocking_spectrum
+
+        dataset = spectra.rocking_spectrum(motion, **axes, **body)
+        dataset = dataset.assign_attrs(motion=motion_options.text)
+        files.write_dataset(dataset, plot_rocking_spectrum(dataset))
+    overturned = 100 * float(dataset.overturned.mean())
+    text = f"{dataset.overturned.size} blocks, {overturned:.1f} % of them overturn"
+    if restitution is None:
+        text += f"\nC {'from size against a wall' if one_sided else '= 0.9'} (assumed)"
+    return Answer(text, {"sizes": dict(dataset.sizes)}, output, files.paths)
+
+
 def harmonic(
     *,
     frequency_ratio: Grid | None = None,
@@ -174,8 +223,7 @@ def tradeoff(
     """Measure error and time of each equation, solver and precision on this machine.
 
     The block is under a pulse or a record, or with --intensity under pulses right after each
-    impact. Without a block, it is one under a short half-sine pulse. Writes tradeoff.nc,
-    tradeoff.csv and tradeoff.png.
+    impact. Writes tradeoff.nc, tradeoff.csv and tradeoff.png.
 
     Example: jaxrock tradeoff --width 0.8 --height 4 --record example
 
@@ -184,19 +232,17 @@ def tradeoff(
     intensity
         Change of ground velocity in each instantaneous pulse [m/s].
     """
-    block = block_options.block_if_given
-    scene = None
-    if block is None:
-        motion_options.refuse("without --width")
-        refuse("without --width", intensity=intensity)
-    elif intensity is None:
-        scene = DrivenScene(block, block_options.coefficient, motion_options.read())
+    block, c = block_options.block, block_options.coefficient
+    if intensity is None:
+        scene = DrivenScene(block, c, motion_options.read())
     else:
         motion_options.refuse("with --intensity")
-        scene = Scene(block, block_options.coefficient, intensity)
+        scene = Scene(block, c, intensity)
     with output.write("tradeoff") as files:
+        from ..plot import plot_tradeoff
+
         measured = measure_tradeoff(scene)
-        files.write_dataset(measured.dataset, measured.plot())
+        files.write_dataset(measured.dataset, plot_tradeoff(measured.dataset))
     rows = measured.dataset.to_dataframe().to_dict("records")
     data = {"rows": rows, "sentence": measured.sentence(), "notes": measured.notes()}
     return Answer(measured, data, output, files.paths)

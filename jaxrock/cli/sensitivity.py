@@ -8,17 +8,10 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from .. import resonance
+from .. import sensitivity as dependence
 from ..block import SIZE_NAMES, block_of, size_of
 from ..ground_motion import Suite
-from ..sensitivity import (
-    Uncertain,
-    driven_tornado,
-    local_dependence,
-    outcome_probabilities,
-    propagate,
-    sensitivities,
-    tornado,
-)
+from ..sensitivity import Uncertain
 from ..tables import UNITS
 from ..validation import POSITIVE, Number, Reals, check
 from .answers import Answer, list_rows
@@ -88,15 +81,17 @@ def sensitivity(
     with output.write("sensitivity", "sensitivity.csv", "tornado.png", dataset=False) as files:
         from ..plot import plot_tornado
 
-        local = replace(sensitivities(compute, at), sides=sides)
+        local = replace(dependence.sensitivities(compute, at), sides=sides)
         if not math.isfinite(local.value):
             raise ValueError(f"--answer {answer} does not exist here: the block overturns")
         ranges = _make_ranges(at)
-        bars = replace(tornado(compute, at, ranges), sides=sides)
+        bars = replace(dependence.tornado(compute, at, ranges), sides=sides)
         uncertain = _make_uncertain(at, coefficient_of_variation, samples=1024)
-        moments = propagate(compute, at, uncertain)
+        moments = dependence.propagate(compute, at, uncertain)
         columns = local.table() | bars.table(local.names)
-        columns["fraction_of_variance"] = [moments.variance_fractions[name] for name in at]
+        columns["fraction_of_variance"] = [
+            moments.variance_fractions[name] for name in local.names
+        ]
         files.write_csv("sensitivity.csv", columns, block=block_options.text)
         files.save_picture("tornado.png", plot_tornado(bars, label=_write_label(answer)))
     known = moments.within_tolerance
@@ -173,7 +168,7 @@ def driven_sensitivity(  # noqa: PLR0913
     with output.write("sensitivity", *names, dataset=False) as files:
         from ..plot import plot_tornado
 
-        outcomes = outcome_probabilities(
+        outcomes = dependence.outcome_probabilities(
             block, c, motion.scaled(scale), uncertain, ratio=ratio, model=model
         )
         columns = outcomes.table_of_sources()
@@ -181,9 +176,9 @@ def driven_sensitivity(  # noqa: PLR0913
         data: dict[str, object] = {"model": model}
         if not isinstance(motion, Suite):
             asked = {"answer": answer.replace("-", "_"), "scale": scale, "model": model}
-            local = local_dependence(block, c, motion, uncertain, **asked)
+            local = dependence.local_dependence(block, c, motion, uncertain, **asked)
             ranges = _make_ranges(at)
-            bars = driven_tornado(block, c, motion, ranges, **asked)
+            bars = dependence.driven_tornado(block, c, motion, ranges, **asked)
             bars = replace(bars, sides=tuple(at)[:2])
             columns |= local.table() | bars.table(local.names)
             texts += ["", f"{answer} {bars}", local]

@@ -1,22 +1,20 @@
-"""The commands about many motions or many blocks: fragility, inventories, rocking spectra."""
+"""The commands about many motions or many blocks: fragility, inventories."""
 
 from pathlib import Path
 from typing import Literal
 
-from .. import risk, spectra
-from ..block import RECTANGLE_INERTIA_RATIO
+from .. import risk
 from ..reports import list_remarks, write_inventory_page
 from ..sensitivity import Uncertain
 from ..validation import POSITIVE, check
 from .answers import Answer, list_rows
-from .motion_options import MotionOptions, SuiteOptions
+from .motion_options import SuiteOptions
 from .options import (
     BlockOptions,
     Count,
     FileOutput,
     Grid,
     ModelName,
-    read_axis,
     read_numbers,
     refuse,
 )
@@ -219,52 +217,3 @@ def _read_target(period: float) -> float:
     """Read the tolerated rate [1/yr] from its return period [yr]."""
     check("target_return_period", period, POSITIVE)
     return 1 / period
-
-
-def rocking_spectrum(
-    *,
-    free_period: Grid = ("1:4:241", "4.05:8:80"),
-    slenderness: Grid = (4.0, 6.0, 8.0),
-    restitution: Grid | None = None,
-    inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
-    one_sided: bool = False,
-    motion_options: MotionOptions = MotionOptions(),
-    output: FileOutput = FileOutput(),
-) -> Answer:
-    """Compute the rocking spectrum of a motion: peak rotation over the size of the block.
-
-    Writes rocking_spectrum.nc, .csv and .png.
-
-    Example: jaxrock rocking-spectrum --record example --scale 1.5
-
-    Parameters
-    ----------
-    free_period
-        2 pi / p of the blocks [s].
-    slenderness
-        Height over width [-].
-    restitution
-        Velocity after an impact over velocity before it [-], 0 to 1. If not given 0.9;
-        against a wall computed from the size.
-    inertia_ratio
-        Moment of inertia about an edge over m R^2 [-], at least 1; 4/3 for a rectangle.
-    one_sided
-        The blocks stand against a wall, and rock away from it only.
-    """
-    motion = motion_options.read()
-    given = {"free_period": free_period, "slenderness": slenderness}
-    if restitution is not None or not one_sided:
-        given["restitution"] = restitution or (0.9,)
-    axes = {name: read_axis(name, grid) for name, grid in given.items()}
-    body = {"inertia_ratio": inertia_ratio, "one_sided": one_sided}
-    with output.write("rocking_spectrum") as files:
-        from ..plot import plot_rocking_spectrum
-
-        dataset = spectra.rocking_spectrum(motion, **axes, **body)
-        dataset = dataset.assign_attrs(motion=motion_options.text)
-        files.write_dataset(dataset, plot_rocking_spectrum(dataset))
-    overturned = 100 * float(dataset.overturned.mean())
-    text = f"{dataset.overturned.size} blocks, {overturned:.1f} % of them overturn"
-    if restitution is None:
-        text += f"\nC {'from size against a wall' if one_sided else '= 0.9'} (assumed)"
-    return Answer(text, {"sizes": dict(dataset.sizes)}, output, files.paths)

@@ -202,6 +202,8 @@ def describe_fragility(curves: "xarray.Dataset") -> str:
     title = f"lognormal curves from {levels.size} levels of {measure}, {levels[0]:.4g} to"
     labels = [n if n in NAMED_THRESHOLDS else f"rotation ratio {n}" for n in names]
     lines = [format_table(f"{title} {levels[-1]:.4g}{unit}", labels, **columns)]
+    if "record_source" in curves.attrs:
+        lines.insert(0, f"records: {curves.attrs['record_source']}")
     remarks = zip(labels, curves.remark.values, strict=True)
     return "\n".join([*lines, *(f"{label}: {remark}" for label, remark in remarks if remark)])
 
@@ -211,7 +213,12 @@ def tabulate_fragility(curves: "xarray.Dataset") -> dict[str, object]:
     names = {"median": "lognormal_median", "dispersion": "lognormal_dispersion"}
     names |= {"thresholds": "threshold", "remarks": "remark"}
     columns = {name: curves[variable].values.tolist() for name, variable in names.items()}
-    return {"records": curves.sizes["record"], **columns}
+    source = (
+        {"record_source": curves.attrs["record_source"]}
+        if "record_source" in curves.attrs
+        else {}
+    )
+    return {"records": curves.sizes["record"], **source, **columns}
 
 
 def _choose_levels(block: Block, measure: str) -> np.ndarray:
