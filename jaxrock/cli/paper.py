@@ -24,8 +24,8 @@ def paper(*, out: Folder = Path("paper"), output: FileOutput = FileOutput()) -> 
     with write_whole("out", out, report_of_paper.FILES, output.force) as folder:
         report = report_of_paper.regenerate()
         report_of_paper.write(report, folder)
-    mismatches = [f"mismatch: {line}" for line in report.mismatches]
-    text = "\n".join([report_of_paper.summarize(report), *mismatches])
     files = [out / name for name in report_of_paper.FILES]
+    count = report.count()
     # By the exit code a test run can tell that something disagrees.
-    return Answer(text, report.count(), output, files, code=1 if mismatches else 0)
+    code = 1 if count["mismatches"] else 0
+    return Answer(str(report), count, output, files, code=code)
