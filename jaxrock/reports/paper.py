@@ -55,8 +55,8 @@ class Report(NamedTuple):
         count = self.count()
         lines = [f"{count['agreeing']} of {count['printed']} printed numbers agree."]
         for name in ("claims", "faults"):
-            verdicts = (f"{number} {verdict}" for verdict, number in count[name].items())
-            lines.append(f"Of the {name}: {', '.join(verdicts)}.")
+            verdicts = (f"{verdict} ({number})" for verdict, number in count[name].items())
+            lines.append(f"{name.capitalize()}: {', '.join(verdicts)}.")
         return "\n".join(lines + [f"mismatch: {row}" for row in count["mismatches"]])
 
 

@@ -137,7 +137,9 @@ def regenerate_paper():
     report = paper.regenerate()
     tables = {}
     for entry in report.entries:
-        name = f"{entry['table']}/{entry['quantity']}".replace("Table ", "table_").replace(" ", "_")
+        name = f"{entry['table']}/{entry['quantity']}".replace("Table ", "table_").replace(
+            " ", "_"
+        )
         tables.setdefault(name, []).append(entry)
     for name, entries in tables.items():
         for column in ("computed", "nonlinear", "agrees"):
