@@ -17,7 +17,7 @@ def report():
 
 
 def test_nothing_disagrees_but_the_known_fault(report):
-    assert report.count() == {
+    assert report.summarize() == {
         "printed": 94,
         "agreeing": 93,
         "known_faults_in_tables": 1,
@@ -55,7 +55,7 @@ def test_mismatches_are_named(report):
     healed = next(row for row in report.entries if row["fault"]) | {"agrees": True}
     claim = report.claims[0] | {"verdict": "not confirmed"}
     spoiled = paper.Report([wrong, healed], [claim], report.faults)
-    assert len(spoiled.count()["mismatches"]) == 3
+    assert len(spoiled.summarize()["mismatches"]) == 3
     assert "\nmismatch: Table I, peak rotation" in str(spoiled)
 
 

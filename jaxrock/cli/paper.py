@@ -25,7 +25,7 @@ def paper(*, out: Folder = Path("paper"), output: FileOutput = FileOutput()) -> 
         report = report_of_paper.regenerate()
         report_of_paper.write(report, folder)
     files = [out / name for name in report_of_paper.FILES]
-    count = report.count()
+    count = report.summarize()
     # By the exit code a test run can tell that something disagrees.
     code = 1 if count["mismatches"] else 0
     return Answer(str(report), count, output, files, code=code)

@@ -37,7 +37,7 @@ class Report(NamedTuple):
     claims: list[dict[str, str]]
     faults: list[dict[str, str]]
 
-    def count(self) -> dict[str, Any]:
+    def summarize(self) -> dict[str, Any]:
         """Count what agrees, and list mismatches: also known faults that do not show."""
         findings = [*self.claims, *self.faults]
         mismatches = [row for row in self.entries if row["agrees"] == bool(row["fault"])]
@@ -52,7 +52,7 @@ class Report(NamedTuple):
         }
 
     def __str__(self) -> str:
-        count = self.count()
+        count = self.summarize()
         lines = [f"{count['agreeing']} of {count['printed']} printed numbers agree."]
         for name in ("claims", "faults"):
             verdicts = (f"{verdict} ({number})" for verdict, number in count[name].items())

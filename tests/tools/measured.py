@@ -95,7 +95,7 @@ def paper():
     """How many of the printed entries come out."""
     from jaxrock.reports import paper
 
-    count = paper.regenerate().count()
+    count = paper.regenerate().summarize()
     faults = count["known_faults_in_tables"]
     compared = f"{count['agreeing']} of {count['printed']} to the last digit"
     return f"{compared}, {faults} a fault of the paper"
