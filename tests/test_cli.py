@@ -24,6 +24,7 @@ from jaxrock.cli import application
 from jaxrock.cli.answers import Answer
 from jaxrock.cli.options import Output
 from jaxrock.host import announce
+from jaxrock.reports import paper
 
 TABLES = Path(__file__).parent / "tables"
 COMMANDS = [command for panel in application.COMMANDS.values() for command in panel]
@@ -230,7 +231,7 @@ def test_inventory(capsys, tmp_path, monkeypatch):
     site = jr.Site(jr.example_suite(), jr.read_hazard("hazard.csv"), spacing=0.04)
     block = jr.Block.from_size(width=0.4, height=1.6)
     rate = jr.overturning_rate(block, jr.housner_restitution(block), site)
-    assert found["rate"] == pytest.approx(float(rate.rate), rel=1e-6)
+    assert found["rate"] == pytest.approx(float(rate.rate), rel=1e-3)
     names = {f"inventory.{ending}" for ending in ("nc", "csv", "png", "html")}
     assert {path.name for path in Path("inventory").iterdir()} == names
     assert "EXAMPLE" not in Path("inventory/inventory.html").read_text(encoding="utf-8")
@@ -277,9 +278,10 @@ def test_critical_factors_and_short_pulses(capsys):
 def test_sensitivity(capsys, tmp_path):
     """alpha_max / alpha_c = (I / I_c)^2 / 2 in weak motion, and more near the verge."""
     asked = ("--restitution", 0.7, "--answer", "rotation-ratio", "--out", tmp_path / "out")
-    found = read_answer(capsys, "sensitivity", *WALL, *asked)
+    size = ("--width", 0.8, "--slenderness", 5)
+    found = read_answer(capsys, "sensitivity", *size, *asked)
     rows = {row["quantity"]: row for row in found["rows"]}
-    assert rows.keys() == {"width", "height", "restitution", "intensity"}
+    assert rows.keys() == {"half_width", "slenderness", "restitution", "intensity"}
     assert 2 < rows["intensity"]["elasticity"] < 2.2
     assert rows["restitution"]["at_low"] < found["value"] < rows["restitution"]["at_high"]
     assert found["within_tolerance"] is True
@@ -378,6 +380,16 @@ def test_tradeoff(capsys, tmp_path):
     assert code == 0
     assert "for 1e-04 use" in text
     assert_follows_cf(tmp_path / "t" / "tradeoff.nc")
+
+
+@pytest.mark.thorough
+def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
+    assert read_answer(capsys, "paper", "--out", tmp_path / "right")["agreeing"] == 93
+    monkeypatch.setitem(paper.PRINTED["tables"][0]["printed"][0], 0, "3.84e-3")
+    code, text, _ = run(capsys, "paper", "--out", tmp_path / "wrong")
+    assert code == 1
+    assert "\nmismatch: Table I, peak rotation" in text
+    assert "3.84e-3" in (tmp_path / "wrong" / "report.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", [c.__name__.replace("_", "-") for c in COMMANDS])

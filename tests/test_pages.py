@@ -335,13 +335,13 @@ def test_first_calls_are_those_that_were_measured():
 def test_faults_and_limited_claims_of_the_paper_are_those_of_the_report():
     report = paper.regenerate()
     for fault in report.faults:
-        assert f"| {fault.where} | {fault.statement} | {fault.figure} |" in TEXTS["paper"]
-    limited = [claim for claim in report.claims if claim.verdict != "holds"]
+        row = f"| {fault['where']} | {fault['what']} | {fault['figure']} |"
+        assert row in TEXTS["paper"]
+    limited = [claim for claim in report.claims if claim["verdict"] != "holds"]
     assert "Of the ten claims in words six hold. Four" in " ".join(TEXTS["paper"].split())
     assert (len(report.claims), len(limited)) == (10, 4)
     for claim in limited:
-        row = f"| {claim.where} | {claim.statement} | {claim.verdict} | {claim.figure} |"
-        assert row in TEXTS["paper"]
+        assert f"| {' | '.join(claim.values())} |" in TEXTS["paper"]
 
 
 @pytest.mark.float64

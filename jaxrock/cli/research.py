@@ -259,7 +259,6 @@ def paper(*, output: FileOutput = FileOutput()) -> Answer:
     with output.write("paper", *report_of_paper.FILES, dataset=False) as files:
         report = report_of_paper.regenerate()
         report_of_paper.write(report, files.folder)
-    mismatches = [f"mismatch: {line}" for line in report.mismatches]
-    text = "\n".join([report_of_paper.summarize(report), *mismatches])
+    data = report.summarize()
     # By the exit code a test run can tell that something disagrees.
-    return Answer(text, report.count(), output, files.paths, code=1 if mismatches else 0)
+    return Answer(report, data, output, files.paths, code=1 if data["mismatches"] else 0)

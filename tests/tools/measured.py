@@ -95,12 +95,10 @@ def paper():
     """How many of the printed entries come out."""
     from jaxrock.reports import paper
 
-    report = paper.regenerate()
-    agreeing = sum(entry.agrees for entry in report.entries)
-    faults = sum(bool(entry.fault) for entry in report.entries)
-    return (
-        f"{agreeing} of {len(report.entries)} to the last digit, {faults} a fault of the paper"
-    )
+    count = paper.regenerate().summarize()
+    faults = count["known_faults_in_tables"]
+    compared = f"{count['agreeing']} of {count['printed']} to the last digit"
+    return f"{compared}, {faults} a fault of the paper"
 
 
 def impacts():

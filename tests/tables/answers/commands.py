@@ -137,13 +137,14 @@ def regenerate_paper():
     report = paper.regenerate()
     tables = {}
     for entry in report.entries:
-        name = f"table_{entry.table}/{entry.quantity.replace(' ', '_')}"
+        name = f"{entry['table']}/{entry['quantity']}".replace("Table ", "table_").replace(
+            " ", "_"
+        )
         tables.setdefault(name, []).append(entry)
     for name, entries in tables.items():
-        yield f"{name}/computed", [entry.computed for entry in entries]
-        yield f"{name}/nonlinear", [entry.nonlinear for entry in entries]
-        yield f"{name}/agrees", [entry.agrees for entry in entries]
+        for column in ("computed", "nonlinear", "agrees"):
+            yield f"{name}/{column}", [entry[column] for entry in entries]
     for name in ("claims", "faults"):
         findings = getattr(report, name)
-        yield f"{name}/verdict", [finding.verdict for finding in findings]
-        yield f"{name}/figure", [finding.figure for finding in findings]
+        for column in ("verdict", "figure"):
+            yield f"{name}/{column}", [finding[column] for finding in findings]
