@@ -46,7 +46,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     target = float(shown.attrs["target"])
     rate = shown.rate.values
     # One record has no standard error.
-    half = np.hypot(QUANTILE * np.nan_to_num(shown.standard_error), shown.not_detected)
+    half = np.hypot(QUANTILE * shown.standard_error.fillna(0), shown.not_detected).values
     high = 1.5 * max(target, *(rate + half))
     low = max(0.4 * min(target, *rate[rate > 0]), target / 10**_DECADES)
     low = min(low, high / 10**_DECADES)

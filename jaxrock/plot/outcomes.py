@@ -18,6 +18,8 @@ from .axes import (
 )
 
 _MEASURES = {"pgv": "PGV [m/s]", "pga": "PGA [m/s²]"}
+# Behind a number that lies on intervals.
+_BACKDROP = {"facecolor": "w", "alpha": 0.8, "linewidth": 0, "pad": 1}
 _PREDICTED = "predicted probability of overturning [-]"
 
 
@@ -52,9 +54,9 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
     look = {"color": INK, "elinewidth": 1, "capsize": 3, "label": label}
     ax.errorbar(bins.predicted, observed, reach, fmt="o", **look)
     for x, y, count in zip(bins.predicted.values, observed, bins.tests.values, strict=True):
-        offset = {"textcoords": "offset points", "va": "center", "fontsize": "small"}
+        look = {"textcoords": "offset points", "va": "center", "fontsize": "small"}
         # By weights it need not be whole.
-        ax.annotate(f"{round(float(count), 1):g}", (x, y), (6, 0), **offset)
+        ax.annotate(f"{round(float(count), 1):g}", (x, y), (6, 0), bbox=_BACKDROP, **look)
     brier = scores.brier.sel(predictor="blocks").dropna("split")
     deviation = f" $\\pm$ {float(brier.std(ddof=1)):.3f}" if brier.size > 1 else ""
     ax.set_title(f"Brier score {float(brier.mean()):.3f}{deviation}", fontsize="medium")

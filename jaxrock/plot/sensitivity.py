@@ -8,6 +8,7 @@ import xarray
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap, Normalize, SymLogNorm
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from ..block import SIZES_IN_WORDS
@@ -151,7 +152,10 @@ def plot_sensitivity_map(
     if inside and min(values.shape) > 1:
         widths = [2.0 if level == 0 else 0.7 for level in inside]
         lines = ax.contour(*grid, levels=inside, colors=LINE, linewidths=widths)
-        ax.clabel(lines, fontsize="small")
+        # Numbers are read on dark colours as well.
+        halo = withStroke(linewidth=2, foreground="w")
+        for text in ax.clabel(lines, fontsize="small"):
+            text.set_path_effects([halo])
     if finite.size < values.size:
         patch = Patch(label="no value: overturns", **_HATCHED)
         ax.legend(handles=[patch], loc="upper right", framealpha=1, fontsize="small")
