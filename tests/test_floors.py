@@ -354,7 +354,7 @@ def test_answers_say_on_which_motions_they_rest():
         assert dataset.attrs["directions"] == 2
         assert dataset.attrs["one_sided"] == 1
         assert dataset.attrs["floor"].startswith("floor of period 0.4 s")
-    title = jr.plot.plot_fragility(curves).get_title()
+    title = " ".join(jr.plot.plot_fragility(curves).get_title().split())
     assert "one-sided, $C$ = 0.45, 3 records in both directions," in title
     assert title.endswith("floor of period 0.4 s, damping 0.05")
     backwards = suite().both_directions()[3:]

@@ -112,7 +112,9 @@ def test_all_draw_on_the_axes_given_with_units_and_texts_apart(
     spectrum, response, boundaries, curves
 ):
     period = spectrum.stabilized_period.sel(restitution=0.6)
-    floor = jr.harmonic_spectrum(np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14), 5.0, 0.9)
+    floor = jr.harmonic_spectrum(
+        np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14), slenderness=5.0
+    )
     slopes = map_of(np.where(np.arange(600) < 580, 1.0 - np.arange(600) / 200, np.nan))
     bars = bars_of(0.3, (0.1, np.nan), (0.2, 0.5), (0.31, 0.3))
     calls = {

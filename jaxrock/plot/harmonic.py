@@ -71,8 +71,8 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     region = spectrum.region.values
     ratio = spectrum.rotation_ratio.values
     ax.set_yscale("log")  # before curves are labelled, which leaves gaps of the right length
-    look = {"cmap": ListedColormap(list(_REGIONS)), "vmin": 0, "vmax": 3, "shading": "nearest"}
-    ax.pcolormesh(across, up, region, zorder=0, **look)
+    look = {"cmap": ListedColormap(list(_REGIONS)), "vmin": 0, "vmax": 3, "zorder": 0}
+    ax.pcolormesh(_compute_edges(across), np.exp(_compute_edges(np.log(up))), region, **look)
     handles = [
         Patch(facecolor=colour, edgecolor="0.6", label=label)
         for number, (colour, label) in enumerate(_REGIONS.items())
@@ -97,3 +97,13 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     else:
         labels = r"frequency ratio $\omega/p$ [-]", write_amplitude_ratio("a", about["model"])
     return label_axes(ax, *labels)
+
+
+def _compute_edges(values: np.ndarray) -> np.ndarray:
+    """Compute the edges of cells around values: halfway to neighbours, and beyond the ends."""
+    if values.size == 1:
+        return values + np.array([-0.05, 0.05])
+    steps = np.diff(values) / 2
+    return np.concatenate(
+        [values[:1] - steps[0], values[:-1] + steps, values[-1:] + steps[-1]]
+    )

@@ -43,7 +43,7 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
         The axes drawn on.
     """
     check_result("scores", scores, xarray.Dataset, "cross_validate(...)")
-    ax = get_axes(ax, figsize=(6.6, 5.0))
+    ax = get_axes(ax, figsize=(7.4, 5.0))
     ax.plot([0, 1], [0, 1], "--", color=NEUTRAL, label="as predicted")
     # Bins into which no prediction fell have nothing to show.
     bins = scores.isel(bin=scores.tests.values > 0)
