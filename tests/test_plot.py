@@ -25,9 +25,8 @@ def spectrum():
     return jr.resonance_spectrum(np.linspace(3, 10, 29), [0.4, 1.2], [0.6, 0.8], 0.15)
 
 
-@pytest.fixture(scope="module")
-def response():
-    return jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(3.5, 0.7), 4.0)
+def respond(amplitude, duration):
+    return jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(amplitude, duration), 4.0)
 
 
 @pytest.fixture(scope="module")
@@ -40,14 +39,6 @@ def curves():
     pulse = np.sin(np.linspace(0, 2 * np.pi, 200))
     suite = jr.Suite([jr.Record(a * pulse, a / 400) for a in (1.0, 2.0, 3.0)])
     return jr.fragility(jr.Block(0.1, 5.0), 0.8, suite, np.geomspace(0.2, 3, 7))
-
-
-def rocking():
-    """As of `rocking_spectrum`, the smaller blocks overturning."""
-    axes = {"free_period": np.linspace(2, 6, 5), "slenderness": [4, 6.0]}
-    axes["restitution"] = [0.8, 0.9]
-    ratio = xarray.DataArray(np.linspace(0.9, 0.1, 20).reshape(5, 2, 2), axes, tuple(axes))
-    return xarray.Dataset({"rotation_ratio": ratio, "overturned": 1 * (ratio > 0.5)})
 
 
 def scores():
@@ -71,20 +62,12 @@ def scores():
     )
 
 
-def windows(values=(4.0, 8.0, 8.4), first=False, along="factor"):
+def windows():
     """Boundaries as a search would give them."""
-    beyond = np.arange(len(values)) % 2 == int(first)
-    number = len(values)
-    fields = (np.array(values, float), beyond, np.zeros(number, int), np.zeros(number, bool))
-    single = (np.asarray(number), np.asarray(first), np.asarray(True))
-    return jr.overturning.Boundaries(*jax.device_put((*fields, *single)), along)
-
-
-def probabilities():
-    record = jr.Record([0.0, 3.0, -3.0, 0.0], 0.2)
-    suite = jr.Suite([record, record.scaled(0.1)])
-    uncertain = jr.Uncertain({"half_width": 0.1})
-    return jr.sensitivity.outcome_probabilities(jr.Block(0.1, 4.0), 0.8, suite, uncertain)
+    values = np.array([4.0, 8.0, 8.4])
+    fields = (values, np.array([True, False, True]), np.zeros(3, int), np.zeros(3, bool))
+    single = (np.asarray(3), np.asarray(False), np.asarray(True))
+    return jr.overturning.Boundaries(*jax.device_put((*fields, *single)), "width")
 
 
 def bars_of(*answers):
@@ -108,13 +91,9 @@ def list_legend(ax):
 
 @pytest.mark.thorough
 @pytest.mark.float64
-def test_all_draw_on_the_axes_given_with_units_and_texts_apart(
-    spectrum, response, boundaries, curves
-):
+def test_all_draw_on_the_axes_given_with_units_and_texts_apart(spectrum, boundaries, curves):
     period = spectrum.stabilized_period.sel(restitution=0.6)
-    floor = jr.harmonic_spectrum(
-        np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14), slenderness=5.0
-    )
+    floor = jr.harmonic_spectrum(np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14))
     slopes = map_of(np.where(np.arange(600) < 580, 1.0 - np.arange(600) / 200, np.nan))
     bars = bars_of(0.3, (0.1, np.nan), (0.2, 0.5), (0.31, 0.3))
     calls = {
@@ -123,14 +102,12 @@ def test_all_draw_on_the_axes_given_with_units_and_texts_apart(
         plot.plot_critical_intensity: (WALL.block, 0.7, 0.15),
         plot.plot_fragility: (curves,),
         plot.plot_harmonic: (floor,),
-        plot.plot_outcome_probabilities: (probabilities(),),
         plot.plot_outcomes: (scores(),),
         plot.plot_overturning_map: (boundaries,),
         plot.plot_reliability: (scores(),),
         plot.plot_resonance: (WALL,),
-        plot.plot_response: (response,),
+        plot.plot_response: (respond(3.5, 0.7),),
         plot.plot_sensitivity_map: (slopes,),
-        plot.plot_sobol_indices: (probabilities(),),
         plot.plot_tornado: (bars,),
     }
     for function, arguments in calls.items():
@@ -148,16 +125,15 @@ def test_all_draw_on_the_axes_given_with_units_and_texts_apart(
         plt.close("all")
 
 
-@pytest.mark.parametrize("name", jr.plot.__all__)
-def test_every_picture_says_what_it_is_drawn_of(name, monkeypatch):
+def test_every_picture_says_what_it_is_drawn_of(monkeypatch):
     # Without the types that the tests check, which would answer before the package does.
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
-    draw = getattr(jr.plot, name)
-    parameters = inspect.signature(draw).parameters.values()
-    # The parameters without a default: what is drawn, and perhaps more.
-    others = [None for parameter in parameters if parameter.default is parameter.empty][1:]
-    with pytest.raises(ValueError, match=r"got 'a block'.*; .+ (gives|makes) one"):
-        draw("a block", *others)
+    for name in plot.__all__:
+        draw = getattr(plot, name)
+        parameters = inspect.signature(draw).parameters.values()
+        needed = [each.name for each in parameters if each.default is each.empty]
+        with pytest.raises(ValueError, match=r"got 'a block'.*; .+ gives one"):
+            draw("a block", *needed[1:])
 
 
 def test_curves_end_where_the_block_overturns(spectrum):
@@ -171,9 +147,6 @@ def test_curves_end_where_the_block_overturns(spectrum):
     assert ax.get_xlabel() == r"slenderness $\lambda$ [-]"
     assert ax.get_ylabel() == r"rotation ratio $\alpha^*_{max}/\alpha_c$ [-]"
     assert list_legend(ax) == ["0.4", "1.2", "overturns beyond"]
-    # In any order along the axis; curves that begin within it.
-    shuffled = data.sel(slenderness=[10.0, 5.0])
-    assert plot.plot_curves(shuffled, "width").get_lines()[-2].get_xdata().tolist() == [5, 10]
     with pytest.raises(ValueError, match="variable must have the dimensions"):
         plot.plot_curves(spectrum.stabilized_period, hue="width")
 
@@ -190,32 +163,24 @@ def test_rotation_ratios_are_drawn_up_to_the_threshold(spectrum):
     between = jr.rotation_ratio(jr.Scene(jr.Block(0.2, x), 0.8, 0.15))
     assert y == pytest.approx(float(between), abs=0.005)
     assert left.get_legend() is None
-    assert list_legend(right) == ["0.4", "1.2", "overturns beyond"]
-    margin = plot.plot_spectrum(spectrum, "overturning_margin").axes[1]
-    assert margin.get_ylim()[0] < float(spectrum.overturning_margin.min()) < 0
 
 
 def test_of_many_values_some_are_drawn_and_the_figure_says_so():
-    many = jr.resonance_spectrum(
-        np.linspace(3, 4, 600),
-        np.linspace(0.4, 1.2, 20),
-        np.linspace(0.1, 0.6, 9),
-        [0.1, 0.15],
-    )
+    axes = np.linspace(3, 4, 600), np.linspace(0.4, 1.2, 20), np.linspace(0.1, 0.6, 9)
+    many = jr.resonance_spectrum(*axes, intensity=[0.1, 0.15])
     figure = plot.plot_spectrum(many, "stabilized_period")
     drawn = "width 7 of 20, slenderness 500 of 600, restitution 4 of 9"
     assert figure.get_supxlabel() == f"drawn: {drawn}"
     assert figure.axes[-1].get_title() == "$C$ = 0.6, $I$ = 0.15 m/s"
-    lines = [line for ax in figure.axes for line in ax.get_lines()]
-    assert {(x.size, x[0], x[-1]) for x in (line.get_xdata() for line in lines)} == {
-        (500, 3, 4)
-    }
+    lines = [line.get_xdata() for ax in figure.axes for line in ax.get_lines()]
     assert len(lines) == 8 * 7
+    assert {(x.size, x[0], x[-1]) for x in lines} == {(500, 3, 4)}
     assert find_clashes(figure) == []
 
 
 def test_rocking_spectrum():
-    dataset = rocking()
+    axes = np.linspace(2, 6, 5), [4.0, 6.0], [0.8, 0.9]
+    dataset = jr.rocking_spectrum(jr.Sine(4.0, 0.9), *axes)
     figure = plot.plot_rocking_spectrum(dataset)
     chosen = dataset.sel(restitution=0.9, slenderness=6.0)
     assert 0 < int(chosen.overturned.sum()) < 5
@@ -224,11 +189,10 @@ def test_rocking_spectrum():
     np.testing.assert_array_equal(drawn["6"].get_ydata(), expected)
     assert [ax.get_title() for ax in figure.axes] == ["$C$ = 0.8", "$C$ = 0.9"]
     assert find_clashes(figure) == []
-    none = plot.plot_rocking_spectrum(dataset.assign(overturned=0 * dataset.overturned + 1))
-    assert none.axes[0].texts[0].get_text() == "2 of 2 overturn throughout"
 
 
-def test_rotation_over_time(response):
+def test_rotation_over_time():
+    response = respond(3.5, 0.7)
     ax = plot.plot_response(response)
     peak = float(response.peak_rotation / response.scene.block.critical_angle)
     assert np.abs(ax.get_lines()[0].get_ydata()).max() == pytest.approx(peak, rel=1e-4)
@@ -236,19 +200,14 @@ def test_rotation_over_time(response):
     assert tips.size == response.impacts > 3
     speeds = np.abs(np.asarray(response.impact_velocities))
     np.testing.assert_allclose((tips - feet) / (tips - feet).max(), speeds / speeds.max())
-    assert ax.get_ylim()[1] > peak
     _, push, *lifting = ax.child_axes[0].get_lines()
     assert abs(push.get_ydata()).max() == pytest.approx(3.5, rel=1e-4)
     levels = [line.get_ydata()[0] for line in lifting]
     np.testing.assert_allclose(levels, [9.81 / 4, -9.81 / 4])
     # A motion that overturns is drawn until it does, not for all four seconds.
-    falls = jr.respond(jr.Block(0.3, 4.0), 0.8, jr.Sine(5.5, 0.9), 4.0)
+    falls = respond(5.5, 0.9)
     ax = plot.plot_response(falls)
-    assert list_legend(ax.child_axes[0])[1:] == [
-        "critical angle",
-        "overturning",
-        "lifts the block",
-    ]
+    assert "overturning" in list_legend(ax.child_axes[0])
     when = float(falls.overturning_time)
     assert abs(np.interp(when, *ax.get_lines()[0].get_data())) == pytest.approx(1, abs=0.01)
     assert when < ax.get_xlim()[1] < 1.5 * when
@@ -263,7 +222,6 @@ def test_resonance(model):
     peaks = model.peak_rotation(WALL.block, launches) / WALL.block.critical_angle
     durations = np.asarray(model.half_cycle_duration(WALL.block, launches))
     starts = np.cumsum(durations) - durations
-    assert time[-1] == pytest.approx(durations.sum())
     for k in range(6):
         part = ratio[(time >= starts[k]) & (time <= starts[k] + durations[k])]
         peak = (-1) ** k * float(peaks[k])
@@ -279,7 +237,6 @@ def test_resonance(model):
     ax = plot.plot_resonance(scene)
     assert 1.19 < np.nanmax(ax.get_lines()[0].get_ydata()) < 1.2
     assert len(ax.child_axes[0].collections[0].V) == int(jr.overturning_half_cycle(scene)) == 5
-    assert list_legend(ax) == ["critical angle"]
 
 
 @pytest.mark.thorough
@@ -287,8 +244,6 @@ def test_resonance(model):
 def test_overturning_map(boundaries):
     ax = plot.plot_overturning_map(boundaries)
     edges = boundaries.amplitude_ratio.values
-    drawn = np.concatenate([line.get_ydata() for line in ax.get_lines()])
-    np.testing.assert_array_equal(np.sort(drawn), np.sort(edges[np.isfinite(edges)]))
     # At the first ratio: shaded from the first edge to the second, and from the third on.
     first = edges[0][np.isfinite(edges[0])]
     assert first.size == 3
@@ -298,8 +253,6 @@ def test_overturning_map(boundaries):
     ]
     assert areas == [[(first[0], first[1]), (first[2], 12)], [(first[1], first[2])]]
     assert (ax.get_xlim(), ax.get_ylim(), ax.get_yscale()) == ((1.5, 3.5), (1, 12), "log")
-    one = plot.plot_overturning_map(boundaries.isel(frequency_ratio=[0]))
-    assert one.get_xlim() == pytest.approx((1.9, 2.1))
 
 
 @pytest.mark.float64
@@ -312,22 +265,18 @@ def test_boundaries():
     np.testing.assert_allclose(stands, [[2, 4], [8, 8.4]])
     np.testing.assert_allclose(overturns, [[4, 8], [8.4, 20]])
     assert ax.get_xlim()[0] < 0.2 < 20 < ax.get_xlim()[1]
-    assert list_legend(ax)[2:] == ["first boundary: 4", "lifts off from 0.2"]
-    none = plot.plot_boundaries(windows((), False, "width"), (0.3, 0.9))
-    assert none.get_xlabel() == "width at this height $2b$ [m]"
+    assert ax.get_xlabel() == "width at this height $2b$ [m]"
 
 
 @pytest.mark.float64
 def test_critical_intensities():
     ax = plot.plot_critical_intensity(WALL.block, 0.7, 0.15)
-    lines = {line.get_label().partition(":")[0]: line for line in ax.get_lines()}
-    count, intensity = lines["linearized"].get_data()
+    nonlinear, linearized, limit, given = ax.lines
     # One pulse does it if it is as strong as all: 1 + C + C^2 ... together.
-    np.testing.assert_allclose(intensity * np.cumsum(0.7 ** np.arange(20)), intensity[0])
-    assert count.tolist() == list(range(1, 21))
-    level = lines["pulses without end"].get_ydata()
-    np.testing.assert_allclose(level, lines["nonlinear"].get_ydata()[0] * 0.3, rtol=4e-3)
-    assert set(lines["given"].get_ydata()) == {0.15}
+    together = linearized.get_ydata() * np.cumsum(0.7 ** np.arange(20))
+    np.testing.assert_allclose(together, linearized.get_ydata()[0])
+    np.testing.assert_allclose(limit.get_ydata(), 0.3 * nonlinear.get_ydata()[0], rtol=4e-3)
+    assert set(given.get_ydata()) == {0.15}
 
 
 @pytest.mark.parametrize("middle", [0.3, np.nan])
@@ -360,14 +309,7 @@ def test_a_map_uses_its_colours(case):
     # In ten classes of colours none has more than a third of the map.
     taken = np.asarray(mesh.norm(values)).clip(0, 1)
     assert np.histogram(taken, 10, (0, 1))[0].max() < 200
-    low, high = mesh.get_clim()
-    outside = {(True, True): "both", (True, False): "min", (False, True): "max"}
-    assert (
-        mesh.colorbar.extend
-        == outside[bool((values < low).any()), bool((values > high).any())]
-    )
     # Signs are told by colour, white being zero where there are two.
-    assert (low == -high) == (case == "both signs")
     zero, end = (min(mesh.cmap(x)[:3]) for x in (0.5, 1.0))
     assert (zero > 0.9) == (case == "both signs")
     assert (end > 0.9) == (case == "below zero")
@@ -378,9 +320,6 @@ def test_maps_share_a_limit_and_may_be_empty():
     assert plot.plot_sensitivity_map(steep, limit=2.0).collections[0].get_clim() == (-2, 2)
     nothing = plot.plot_sensitivity_map(steep * np.nan)
     assert len(nothing.collections) == 1
-    assert list_legend(nothing) == ["no value: overturns"]
-    with pytest.raises(ValueError, match="two dimensions"):
-        plot.plot_sensitivity_map(steep[0])
 
 
 def test_reliability_and_outcomes():
@@ -397,9 +336,7 @@ def test_reliability_and_outcomes():
     np.testing.assert_allclose(base_rate.get_ydata(), [1 / 3, 1 / 3])
     np.testing.assert_array_equal(stood.get_xydata(), [[0.1, 0.1], [0.5, 0.75]])
     np.testing.assert_array_equal(overturned.get_xydata(), [[2.0, 0.95]])
-    other = plot.plot_outcomes(scores(), measure="pga")
-    np.testing.assert_array_equal(other.lines[1].get_xdata(), [1.0, 9.0])
-    assert other.get_xlabel() == "PGA [m/s²]"
+    assert plot.plot_outcomes(scores(), measure="pga").get_xlabel() == "PGA [m/s²]"
 
 
 def test_probabilities_stand_at_their_levels_and_intervals_are_bands(curves):
