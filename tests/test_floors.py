@@ -354,12 +354,10 @@ def test_answers_say_on_which_motions_they_rest():
         assert dataset.attrs["directions"] == 2
         assert dataset.attrs["one_sided"] == 1
         assert dataset.attrs["floor"].startswith("floor of period 0.4 s")
-    title = jr.plot.plot_fragility(curves).get_title()
-    assert title.endswith(
-        "one-sided, $C$ = 0.45,\n3 records in both directions,"
-        " on a floor of period 0.4 s, damping 0.05"
-    )
+    title = " ".join(jr.plot.plot_fragility(curves).get_title().split())
+    assert "one-sided, $C$ = 0.45, 3 records in both directions," in title
+    assert title.endswith("floor of period 0.4 s, damping 0.05")
     backwards = suite().both_directions()[3:]
     assert "3 records in reverse direction" in str(backwards)
     title = jr.plot.plot_fragility(jr.fragility(wall, 0.45, backwards, [0.4, 1.0])).get_title()
-    assert title.endswith("\n3 records in reverse direction")
+    assert title.endswith("3 records in reverse direction")

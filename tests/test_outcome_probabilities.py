@@ -6,7 +6,6 @@ import json
 import pickle
 from dataclasses import replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy import integrate, optimize, special, stats
@@ -15,7 +14,6 @@ from tools.selection import first_by_default
 import jaxrock as jr
 from jaxrock.cli import main
 from jaxrock.plot import plot_outcome_probabilities, plot_sobol_indices, plot_tornado
-from jaxrock.sensitivity import TornadoBars
 from jaxrock.sensitivity.outcome_statistics import (
     compute_derivatives,
     compute_interval,
@@ -418,33 +416,6 @@ def test_the_command_gives_derivatives_where_they_mean_something(capsys, tmp_pat
     assert rows["amplitude"]["derivative"] == pytest.approx(of_amplitude, rel=1e-4)
     assert found["meaningful"] is True
     assert "the tangent explains" in found["reason"]
-
-
-@pytest.mark.parametrize("value", [0.7, np.nan])
-def test_labels_of_a_tornado_lie_apart(value):
-    names = ("width", "height", "restitution", "scale", "gravity")
-    low, high = np.array([[0.18, 0.72, 0.72, 1.8, 0.3], [0.22, 0.88, 0.88, 2.2, 0.4]])
-    at_low, at_high = np.array(
-        [[np.nan, np.nan, 0.47, 0.9, 0.6], [np.nan, 0.5, np.nan, 1, 0.5]]
-    )
-    ax = plot_tornado(
-        TornadoBars(names, low, high, at_low, at_high, value, ("width", "height"))
-    )
-    figure = ax.figure
-    figure.draw_without_rendering()
-    boxes = [text.get_window_extent() for text in ax.texts]
-    assert len(boxes) == 10
-    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
-    outline = ax.get_window_extent()
-    assert all(outline.x0 <= box.x0 and box.x1 <= outline.x1 for box in boxes)
-    texts = [text.get_text() for text in ax.texts]
-    assert sum("overturns" in text for text in texts) == 4
-    # No text lies in a bar of its own row.
-    for text, box in zip(ax.texts, boxes, strict=True):
-        bars = [bar.get_window_extent() for bar in ax.patches]
-        inside = [bar for bar in bars if bar.x0 + 1 < box.x0 and box.x1 < bar.x1 - 1]
-        assert not any(bar.y0 < box.y0 < bar.y1 for bar in inside), text.get_text()
-    plt.close(figure)
 
 
 def test_pictures_of_shares():

@@ -14,6 +14,7 @@ from ..driven import Batch, BatchResponse, GroundMotions, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..impact import read_restitution
 from ..resonance import ModelLike, as_model
+from ..tables import UNITS as ALL_UNITS
 from ..validation import (
     AT_LEAST_ONE,
     FINITE,
@@ -136,12 +137,8 @@ _QUANTITIES = {
 }
 
 
-UNITS = {
-    "amplitude": "m/s2",
-    "duration": "s",
-    "frequency": "rad/s",
-    **dict.fromkeys(("half_width", "width", "height"), "m"),
-}
+# Of ratios none is printed.
+UNITS = {name: ALL_UNITS[name] for name in _QUANTITIES if ALL_UNITS[name] != "-"}
 
 
 def format_value(along: str, value: float) -> str:

@@ -1,11 +1,10 @@
 """Figures: functions that take ``ax=None`` and return the axes they drew on.
 
-There are exceptions: `animate` writes a file. `plot_free_rocking_fit` makes a figure of two
-panels, `plot_spectrum` and `plot_rocking_spectrum` make a figure of many panels.
-`plot_curves` draws one panel of `plot_spectrum`.
+There are exceptions: `plot_free_rocking_fit` makes a figure of two panels, `plot_spectrum` and
+`plot_rocking_spectrum` make a figure of many panels. `plot_curves` draws one panel of
+`plot_spectrum`.
 """
 
-from .block import animate, plot_block, plot_phase, plot_response
 from .calibration import plot_free_rocking_fit
 from .fragility import plot_fragility
 from .harmonic import plot_harmonic
@@ -14,13 +13,12 @@ from .outcome_probabilities import plot_outcome_probabilities, plot_sobol_indice
 from .outcomes import plot_outcomes, plot_reliability
 from .overturning import plot_boundaries, plot_critical_intensity
 from .pulses import plot_overturning_map, plot_resonance
+from .response import plot_response
 from .sensitivity import plot_sensitivity_map, plot_tornado
 from .spectra import plot_curves, plot_rocking_spectrum, plot_spectrum
 from .tradeoff import plot_tradeoff
 
 __all__ = [
-    "animate",
-    "plot_block",
     "plot_boundaries",
     "plot_critical_intensity",
     "plot_curves",
@@ -31,7 +29,6 @@ __all__ = [
     "plot_outcome_probabilities",
     "plot_outcomes",
     "plot_overturning_map",
-    "plot_phase",
     "plot_reliability",
     "plot_resonance",
     "plot_response",

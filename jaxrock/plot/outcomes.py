@@ -8,17 +8,19 @@ from ..validation import as_name
 from .axes import (
     ABOVE,
     ACCENT,
-    BACKDROP,
     BESIDE,
     INK,
     NEUTRAL,
-    check_dataset,
+    check_result,
     get_axes,
     label_axes,
     tick_decades,
 )
 
 _MEASURES = {"pgv": "PGV [m/s]", "pga": "PGA [m/s²]"}
+# Behind a number that lies on intervals.
+_BACKDROP = {"facecolor": "w", "alpha": 0.8, "linewidth": 0, "pad": 1}
+_PREDICTED = "predicted probability of overturning [-]"
 
 
 def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
@@ -40,47 +42,28 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
-    check_dataset("scores", scores, ("probability", "overturned"), "cross_validate(...)")
-    ax = get_axes(ax, figsize=(6.6, 5.0))
+    check_result("scores", scores, xarray.Dataset, "cross_validate(...)")
+    ax = get_axes(ax, figsize=(7.4, 5.0))
     ax.plot([0, 1], [0, 1], "--", color=NEUTRAL, label="as predicted")
     # Bins into which no prediction fell have nothing to show.
     bins = scores.isel(bin=scores.tests.values > 0)
-    predicted, observed, low, high = (
-        bins[name].values
-        for name in ("predicted", "observed", "observed_low", "observed_high")
-    )
-    about = scores.attrs
-    interval = f"{about['confidence']:.0%} interval" if "confidence" in about else "interval"
-    ax.plot(
-        predicted,
-        observed,
-        "o",
-        color=INK,
-        label=f"observed, with\n{interval} and\nnumber of tests",
-    )
-    reach = [observed - low, high - observed]
-    ax.errorbar(predicted, observed, reach, fmt="none", ecolor=INK, elinewidth=1, capsize=3)
-    for x, y, count in zip(predicted, observed, bins.tests.values, strict=True):
-        ax.annotate(
-            # By weights it need not be whole.
-            f"{round(float(count), 1):g}",
-            (x, y),
-            (6, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize="small",
-            bbox=BACKDROP,
-        )
-    brier = scores.brier.sel(predictor="blocks").values
-    ax.set_title(f"Brier score {np.nanmean(brier):.3f}{_describe_splits(brier)}")
+    observed = bins.observed.values
+    interval = f"{scores.attrs.get('confidence', 0.95):.0%} interval"
+    label = f"observed, with\n{interval} and\nnumber of tests"
+    reach = [observed - bins.observed_low, bins.observed_high - observed]
+    look = {"color": INK, "elinewidth": 1, "capsize": 3, "label": label}
+    ax.errorbar(bins.predicted, observed, reach, fmt="o", **look)
+    for x, y, count in zip(bins.predicted.values, observed, bins.tests.values, strict=True):
+        look = {"textcoords": "offset points", "va": "center", "fontsize": "small"}
+        # By weights it need not be whole.
+        ax.annotate(f"{round(float(count), 1):g}", (x, y), (6, 0), bbox=_BACKDROP, **look)
+    brier = scores.brier.sel(predictor="blocks").dropna("split")
+    deviation = f" $\\pm$ {float(brier.std(ddof=1)):.3f}" if brier.size > 1 else ""
+    ax.set_title(f"Brier score {float(brier.mean()):.3f}{deviation}", fontsize="medium")
     # With room for the last number.
-    ax.set(xlim=(-0.03, 1.1), ylim=(-0.03, 1.03), aspect="equal")
+    ax.set(xlim=(-0.03, 1.12), ylim=(-0.03, 1.03), aspect="equal")
     ax.legend(**BESIDE, fontsize="small")
-    return label_axes(
-        ax,
-        "predicted probability of overturning [-]",
-        "observed frequency of overturning [-]",
-    )
+    return label_axes(ax, _PREDICTED, "observed frequency of overturning [-]")
 
 
 def plot_outcomes(
@@ -111,37 +94,25 @@ def plot_outcomes(
     ValueError
         If there is no such measure.
     """
-    check_dataset("scores", scores, ("probability", "overturned"), "cross_validate(...)")
+    check_result("scores", scores, xarray.Dataset, "cross_validate(...)")
     measure = as_name("measure", measure, _MEASURES)
     ax = get_axes(ax, figsize=(7.0, 4.5))
-    probability = scores.probability.sel(predictor="blocks").values
-    is_known = ~np.isnan(probability)
-    probability = probability[is_known]
-    intensity = scores[measure].values[is_known]
-    overturned = scores.overturned.values[is_known] == 1
-    base_rate = overturned.mean()
-    label = f"base rate, {base_rate:.3f}"
-    ax.axhline(base_rate, color=NEUTRAL, linestyle="--", linewidth=1, label=label)
-    # Hollow, so that marks are seen on one another.
-    look = {"linestyle": "", "markersize": 5, "markerfacecolor": "none"}
+    probability = scores.probability.sel(predictor="blocks")
+    tests = scores.isel(test=np.isfinite(probability.values))
+    base_rate = float(tests.overturned.mean())
+    look = {"color": NEUTRAL, "linestyle": "--", "linewidth": 1}
+    ax.axhline(base_rate, label=f"base rate, {base_rate:.3f}", **look)
     for outcome, marker, colour, name in (
-        (False, "o", INK, "stood"),
-        (True, "^", ACCENT, "overturned"),
+        (0, "o", INK, "stood"),
+        (1, "^", ACCENT, "overturned"),
     ):
-        chosen = overturned == outcome
-        label = f"{name}, {chosen.sum()}"
-        ax.plot(
-            intensity[chosen], probability[chosen], marker, color=colour, label=label, **look
-        )
+        chosen = tests.isel(test=tests.overturned.values == outcome)
+        # Hollow, so that marks are seen on one another.
+        look = {"linestyle": "", "markersize": 5, "markerfacecolor": "none", "color": colour}
+        label = f"{name}, {chosen.test.size}"
+        predicted = chosen.probability.sel(predictor="blocks")
+        ax.plot(chosen[measure], predicted, marker, label=label, **look)
     ax.set(xscale="log", ylim=(-0.03, 1.03))
     tick_decades(ax.xaxis)
-    ax.legend(**ABOVE, ncols=3, fontsize="small")
-    return label_axes(ax, _MEASURES[measure], "predicted probability of overturning [-]")
-
-
-def _describe_splits(values: np.ndarray) -> str:
-    """Describe the standard deviation of a score over the splits, if there are several."""
-    known = values[~np.isnan(values)]
-    if known.size < 2:
-        return ""
-    return f" $\\pm$ {known.std(ddof=1):.3f} over {known.size} splits"
+    ax.legend(**ABOVE, ncols=3)
+    return label_axes(ax, _MEASURES[measure], _PREDICTED)

@@ -5,26 +5,24 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..block import Block
+from ..block import SIZES_IN_WORDS, Block
 from ..overturning import Boundaries
 from ..resonance import Linearized, Nonlinear, critical_intensity
+from ..tables import write_label
 from ..validation import Number
 from .axes import (
-    ABOVE,
     ACCENT,
-    BACKDROP,
+    BESIDE,
     INK,
     NEUTRAL,
     check_result,
     get_axes,
     label_axes,
+    set_title,
     tick_decades,
-    write_parameter_label,
 )
 
 _STANDS = "0.88"
-# Least distance between the labels of two boundaries, as a fraction of the axis.
-_LABEL_DISTANCE = 0.025
 _MOST_HALF_CYCLES = 20
 
 
@@ -37,8 +35,7 @@ def plot_boundaries(
 ) -> Axes:
     """Draw where a block stands and where it overturns, along a quantity.
 
-    Boundaries are labelled where there is room, the first one always. The axis says how many
-    are not labelled.
+    The legend has the value of the first boundary.
 
     Parameters
     ----------
@@ -75,81 +72,31 @@ def plot_boundaries(
         )
     if not bool(boundaries.complete):
         raise ValueError("boundaries must be complete, got an integration that did not finish")
-    ax = get_axes(ax, figsize=(8.0, 2.6))
+    ax = get_axes(ax, figsize=(8.0, 2.2))
     values = np.asarray(boundaries.value)
     edges = np.concatenate([[ends[0]], values, [ends[1]]])
+    spans = np.column_stack([edges[:-1], np.diff(edges)])
     overturns = np.append(
         bool(boundaries.overturns_first), np.asarray(boundaries.overturns_beyond)
     )
-    # Both in one order in the legend, whichever comes first along the quantity.
-    for falls, colour, label in ((False, _STANDS, "stands"), (True, ACCENT, "overturns")):
-        spans = [
-            (low, high - low)
-            for low, high, does in zip(edges[:-1], edges[1:], overturns, strict=True)
-            if does == falls
-        ]
-        if spans:
-            ax.broken_barh(spans, (0, 1), linewidth=0, color=colour, label=label)
     # Outcomes are as they are with a factor, which is the same on a wide scale as on a small.
     if ends[0] > 0 and ends[1] / ends[0] > 8:
         ax.set_xscale("log")
         tick_decades(ax.xaxis)
-    ax.set(xlim=_widen_range(ends, uplift, ax.get_xscale() == "log"), ylim=(0, 1))
-    if uplift is not None and np.isfinite(uplift):
-        line = {"color": INK, "linestyle": "--", "linewidth": 1.4}
-        ax.axvline(uplift, **line, label=f"lifts off from {uplift:.4g}")
+    look: dict[str, Any] = {"linewidth": 0}
+    ax.broken_barh(spans[~overturns], (0, 1), color=_STANDS, label="stands", **look)
+    ax.broken_barh(spans[overturns], (0, 1), color=ACCENT, label="overturns", **look)
+    line: dict[str, Any] = {"color": INK, "linewidth": 1.4}
     if values.size:
-        missing = values.size - _label_values(ax, edges)
-        if missing:
-            note = f"{missing} of {values.size} boundaries are not labelled"
-            place = {"transform": ax.transAxes, "ha": "right", "va": "bottom"}
-            ax.text(0.995, 0.03, note, fontsize="small", bbox=BACKDROP, **place)
-    ax.set_yticks([])
-    ax.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False, fontsize="small")
-    return label_axes(ax, write_parameter_label(boundaries.along, varied=True), "", grid="x")
-
-
-def _widen_range(
-    ends: tuple[float, float], uplift: float | None, logarithmic: bool
-) -> tuple[float, float]:
-    """Widen the range that was examined by a little, so that a line at its end is seen."""
-    known = [*ends, *([uplift] if uplift is not None and np.isfinite(uplift) else [])]
-    low = min(known)
-    high = max(known)
-    if logarithmic:
-        factor = (high / low) ** 0.02
-        return low / factor, high * factor
-    margin = 0.02 * (high - low)
-    return low - margin, high + margin
-
-
-def _label_values(ax: Axes, edges: np.ndarray) -> int:
-    """Write boundaries above the axes where there is room, and return how many.
-
-    `edges` has both ends of the range as well.
-    """
-    places = ax.transData.transform(np.column_stack([edges, np.zeros_like(edges)]))
-    along = ax.transAxes.inverted().transform(places)[:, 0]
-    # The first and the last one matter most, then those beside intervals that are seen best.
-    seen = np.minimum(np.diff(along)[:-1], np.diff(along)[1:])
-    seen[[0, -1]] = np.inf
-    labelled: list[float] = []
-    for k in 1 + np.argsort(-seen, kind="stable"):
-        if any(abs(along[k] - place) < _LABEL_DISTANCE for place in labelled):
-            continue
-        labelled.append(float(along[k]))
-        ax.annotate(
-            f"{edges[k]:.4g}",
-            (edges[k], 1),
-            (0, 4),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            rotation=90,
-            ha="center",
-            va="bottom",
-            fontsize="small",
-        )
-    return len(labelled)
+        ax.axvline(values[0], **line, label=f"first boundary: {values[0]:.4g}")
+    if uplift is not None and np.isfinite(uplift):
+        ax.axvline(uplift, **line, linestyle="--", label=f"lifts off from {uplift:.4g}")
+    # So that a line at an end is seen.
+    ax.margins(x=0.02)
+    ax.set(ylim=(0, 1), yticks=[])
+    ax.legend(**BESIDE, fontsize="small")
+    along = boundaries.along
+    return label_axes(ax, write_label(along, SIZES_IN_WORDS.get(along, "")), "", grid="x")
 
 
 def plot_critical_intensity(
@@ -199,7 +146,7 @@ def plot_critical_intensity(
         ax.axhline(intensity, **line, label=f"given: {intensity:.4g} m/s")
     ax.set_ylim(bottom=0)
     ax.set_xticks([1, 5, 10, 15, 20])
-    size = f"{float(block.width):.3g} m wide, {float(block.height):.3g} m high"
-    title = f"{size}, $C$ = {float(np.asarray(restitution)):.3g}"
-    ax.legend(**ABOVE, ncols=2, fontsize="small", title=title)
-    return label_axes(ax, "half-cycles [-]", "critical intensity [m/s]")
+    about = {"half_width": float(block.half_width), "slenderness": float(block.slenderness)}
+    set_title(ax, about | {"restitution": restitution, "one_sided": block.one_sided})
+    ax.legend(fontsize="small")
+    return label_axes(ax, "half-cycles [-]", write_label("critical_intensity"))

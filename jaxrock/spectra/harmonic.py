@@ -230,6 +230,7 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
             ("amplitude", "amplitude_ratio", uplift),
         )
     }
+    described["frequency"][2]["units"] = "Hz"  # as an argument it has rad/s
     numbers = {name: float(getattr(block, name)) for name in ("width", "height", "gravity")}
     sized = spectrum.assign_coords(described).assign_attrs(**numbers, uplift_amplitude=uplift)
     for name in described:

@@ -1,6 +1,8 @@
 """Tables and other text files: read with errors that name file and line, written in one style."""
 
+from .quantities import QUANTITIES as QUANTITIES
 from .quantities import UNITS as UNITS
+from .quantities import write_label as write_label
 from .schema import Column as Column
 from .schema import Contents as Contents
 from .schema import read_columns as read_columns

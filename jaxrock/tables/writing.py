@@ -11,15 +11,16 @@ import numpy as np
 from .quantities import UNITS
 
 
-def format_heading(name: str, unit: str = "") -> str:
-    """Write the head of a column: its name, and its unit in brackets.
-
-    A unit in the style of CF, ``m s-2``, is written as ``m/s2``.
-    """
+def print_unit(unit: str) -> str:
+    """Print a unit in the style of CF, ``m s-2``, as ``m/s2``, and ``1`` as ``-``."""
     # What has a negative power moves behind a stroke.
     printed = re.sub(r"(?:^| )([a-z]+)-1?(\d?)", r"/\1\2", unit)
-    plain = "-" if unit == "1" else re.sub("^/", "1/", printed)
-    return f"{name} [{plain}]" if plain else name
+    return "-" if unit == "1" else re.sub("^/", "1/", printed)
+
+
+def format_heading(name: str, unit: str = "") -> str:
+    """Write the head of a column: its name, and its unit in brackets."""
+    return f"{name} [{print_unit(unit)}]" if unit else name
 
 
 def write_inputs(file: TextIO, about: Mapping[str, object]) -> None:

@@ -1,7 +1,7 @@
 """The pictures of the pages: ``python tests/tools/drawn_pages.py`` draws them anew.
 
-A picture in `docs/pictures` is drawn by the block of Python above it on a page. A block of text
-between the two is what the code prints. With names of pages it draws only theirs.
+A picture is drawn by the block of Python above it. A block of text between the two is what the code
+prints. With names of pages it draws only theirs.
 """
 
 import contextlib
@@ -38,7 +38,10 @@ def draw_pictures(text, namespace):
         if expected:
             printed.append((output.getvalue(), expected))
         if name:
-            pictures[name] = _render(plt.figure(plt.get_fignums()[-1]))
+            file = io.BytesIO()
+            plt.figure(plt.get_fignums()[-1]).savefig(file, dpi=100, bbox_inches="tight")
+            picture = Image.open(file).convert("RGB")
+            pictures[name] = picture.quantize(COLOURS, dither=Image.Dither.NONE)
         plt.close("all")
     return pictures, printed
 
@@ -46,31 +49,23 @@ def draw_pictures(text, namespace):
 def find_difference(picture, name):
     """Mean difference from the picture that is kept: greys from 0 to 255 of coarse squares."""
     with Image.open(FOLDER / name) as kept:
-        pair = [
-            np.asarray(image.convert("L").resize((60, 40)), float) for image in (picture, kept)
-        ]
-    return np.abs(pair[0] - pair[1]).mean()
-
-
-def _render(figure):
-    file = io.BytesIO()
-    figure.savefig(file, dpi=100, bbox_inches="tight")
-    return Image.open(file).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        old, new = (
+            np.asarray(image.convert("L").resize((60, 40)), float) for image in (kept, picture)
+        )
+    return np.abs(new - old).mean()
 
 
 def main():
     """Draw the pictures of the pages named, or of all."""
     jax.config.update("jax_enable_x64", True)
     plt.switch_backend("agg")
-    FOLDER.mkdir(exist_ok=True)
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
         text = path.read_text(encoding="utf-8")
-        chosen = path.stem in (sys.argv[1:] or [path.stem])
-        if not chosen or "python" not in text or not NAMES.search(text):
-            continue
-        for name, picture in draw_pictures(text, {})[0].items():
-            picture.save(FOLDER / name, optimize=True)
-            print(f"{path.name}: {name}, {(FOLDER / name).stat().st_size / 1000:.0f} kB")
+        is_chosen = path.stem in (sys.argv[1:] or [path.stem])
+        if is_chosen and NAMES.search(text):
+            for name, picture in draw_pictures(text, {})[0].items():
+                picture.save(FOLDER / name, optimize=True)
+                print(f"{path.name}: {name}, {(FOLDER / name).stat().st_size / 1000:.0f} kB")
 
 
 if __name__ == "__main__":

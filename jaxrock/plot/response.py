@@ -1,0 +1,98 @@
+"""The motion of one block over time."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from ..driven import Response, uplift_acceleration
+from .axes import (
+    ABOVE,
+    ACCENT,
+    INK,
+    LINE,
+    NEUTRAL,
+    RATIO,
+    add_strip_above,
+    check_result,
+    get_axes,
+    label_axes,
+)
+
+_LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
+# Fraction of the upper limit that is left below 0 for a one-sided block.
+_ROOM_AT_WALL = 0.3
+
+
+def plot_response(response: Response, ax: Axes | None = None) -> Axes:
+    """Draw the acceleration of the ground and, under it, rotation over critical angle.
+
+    The picture runs from shortly before the block moves until it rests or has fallen. Every
+    impact is a line at the foot, whose height is in proportion to the velocity before it. The
+    acceleration, with the level that lifts the block, has its own axes, a child of the
+    returned axes.
+
+    Parameters
+    ----------
+    response : Response
+        From `jaxrock.respond`.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; new ones by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        The axes drawn on.
+    """
+    check_result("response", response, Response, "respond(block, restitution, motion)")
+    ax = get_axes(ax, figsize=(7.2, 4.8))
+    block = response.scene.block
+    motion = response.scene.motion
+    first, last = _find_moving_span(response)
+    times = np.linspace(first, last, 4000)
+    ratio = np.asarray(response.history(times)[0]) / float(block.critical_angle)
+    ax.plot(times, ratio, color=INK, linewidth=0.9)
+    # A block that never moves has a ratio of 0, which makes no limits.
+    limit = min(_LIMIT, 1.2 * float(np.abs(ratio).max()) or _LIMIT)
+    bottom = -_ROOM_AT_WALL * limit if block.one_sided else -limit
+    ax.set(xlim=(first, last), ylim=(bottom, limit))
+    speeds = np.abs(np.asarray(response.impact_velocities))
+    # Without an impact the largest velocity is 0, by which nothing can be divided.
+    heights = 0.12 * speeds / max(speeds.max(initial=0), 1e-300)
+    foot = {"transform": ax.get_xaxis_transform(), "color": ACCENT, "linewidth": 0.8}
+    ax.vlines(response.impact_times, 0, heights, label="impacts (height: velocity)", **foot)
+    name = "critical angle" if limit > 1 else None
+    ax.hlines([-1, 1], first, last, NEUTRAL, "--", linewidth=0.8, label=name)
+    if bool(response.overturned):
+        time = float(response.overturning_time)
+        ax.axvline(time, color=LINE, linestyle=":", label="overturning")
+
+    above = add_strip_above(ax)
+    # A vertical component makes the block lighter or heavier, and so easier to lift or harder.
+    weight = 1 + np.asarray(motion.upward(times)) / float(block.gravity)
+    lifting = float(uplift_acceleration(block, response.model)) * weight
+    above.plot(times, np.asarray(motion.horizontal(times)), color=NEUTRAL, linewidth=0.7)
+    levels = [lifting] if block.one_sided else [lifting, -lifting]
+    look = {"color": LINE, "linestyle": "-.", "linewidth": 0.8}
+    above.plot(times, np.transpose(levels), **look)
+    # The legend is one: it gets an entry for the levels from a line without points.
+    ax.plot([], label="lifts the block", **look)
+    above.legend(*ax.get_legend_handles_labels(), **ABOVE, ncols=4)
+    # The ground, or a floor: a record does not know.
+    label_axes(above, "", "base [m/s²]")
+    return label_axes(ax, "time [s]", RATIO)
+
+
+def _find_moving_span(response: Response) -> tuple[float, float]:
+    """Find the time from shortly before a block moves until it rests, or falls.
+
+    All of the time that was simulated if it never moves.
+    """
+    end = float(response.scene.duration)
+    times = np.linspace(0, end, 4000)
+    ratio = np.abs(response.history(times)[0]) / float(response.scene.block.critical_angle)
+    moving = np.flatnonzero((ratio > 0) & ((ratio < _LIMIT) | (not bool(response.overturned))))
+    if not moving.size:
+        return 0.0, end
+    first, last = times[moving[[0, -1]]]
+    # A twentieth on either side, and at least one step: a single sample has no length.
+    margin = 0.05 * (last - first) + times[1]
+    return max(0.0, float(first - margin)), min(end, float(last + margin))
