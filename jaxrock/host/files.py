@@ -1,11 +1,13 @@
-"""Reading regular files, and writing files whole or not at all."""
+"""Reading regular files, and writing files whole or not at all, whatever interrupts it."""
 
 import contextlib
 import errno
 import os
 import platform
 import shutil
+import signal
 import stat
+import threading
 import uuid
 import warnings
 from collections.abc import Iterator, Sequence
@@ -13,6 +15,8 @@ from pathlib import Path
 
 # Names of scratch folders begin with it; the machine and the number of the process come next.
 _PREFIX = ".unfinished-"
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_scratch_folders = set[Path]()  # of this process
 
 
 def read_regular(path: Path) -> bytes:
@@ -32,6 +36,41 @@ def sync(path: Path) -> None:
         if file.is_file():
             with open(file, "rb") as stream:
                 os.fsync(stream.fileno())
+
+
+@contextlib.contextmanager
+def defer_interrupts() -> Iterator[None]:
+    """Let SIGINT and SIGTERM wait until the body is done.
+
+    A handler may raise an exception anywhere, even in a library that holds a lock: whoever
+    wants the lock next, as to close a file, waits for ever. Only the main thread has handlers,
+    and only it is interrupted.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    # A handler that is not Python's, as in R, could not be put back.
+    numbers = [n for n in _SIGNALS if is_main and signal.getsignal(n) is not None]
+    waiting = set[int]()
+    handlers = {n: signal.signal(n, lambda came, _: waiting.add(came)) for n in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in reversed(handlers.items()):
+            signal.signal(number, handler)
+        for number in waiting:
+            signal.raise_signal(number)
+
+
+def end_process(number: int, _: object) -> None:
+    """Remove unfinished files and end this process at once, as a handler of signals.
+
+    For a process that has nothing else to do. No exception is raised, which could meet a lock
+    as `defer_interrupts` says. The exit code is the one of a shell, 128 + number.
+    """
+    for scratch in tuple(_scratch_folders):
+        shutil.rmtree(scratch, ignore_errors=True)
+    with contextlib.suppress(OSError):
+        os.write(2, b"jaxrock: interrupted\n")  # `print` may be what is interrupted
+    os._exit(128 + number)
 
 
 class CannotWrite(ValueError):
@@ -65,19 +104,22 @@ def write_whole(
         _remove_abandoned(nearest)
         mark = f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
         scratch = nearest / f"{_PREFIX}{mark}"
-        scratch.mkdir()
+        _scratch_folders.add(scratch)
         try:
+            scratch.mkdir()
             yield scratch
             # All are on the disk before the first gets its name: a full disk leaves none.
             for name in names:
                 sync(scratch / name)
             # Another run may have written meanwhile.
             _check_free(argument, folder, names, overwrite)
-            folder.mkdir(parents=True, exist_ok=True)
-            for name in names:
-                os.replace(scratch / name, folder / name)
+            with defer_interrupts():
+                folder.mkdir(parents=True, exist_ok=True)
+                for name in names:
+                    os.replace(scratch / name, folder / name)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
+            _scratch_folders.discard(scratch)
     except (OSError, CannotWrite, RuntimeError) as error:  # CannotWrite: of the scratch folder
         if isinstance(error, RuntimeError) and not str(error).startswith("NetCDF:"):
             raise  # netCDF4 reports a full disk, among others, as "NetCDF: ..."
