@@ -96,7 +96,8 @@ REFUSED = [
     (f"{HEAD}\na,1,2,,-1\n", ("line 2", "at least 0", "'-1'")),
     (f"{HEAD}\na,40,160,,\n", ("line 2", "'40'", "at most 30 m")),
     (f"{HEAD}\na,1,2,,\na,1,2,,\n", ("names must differ", "'a'")),
-    (f"{HEAD}\na,2,1,,\nb,1,2,-.5,\n", ("line 2", "line 3", "must be given", "stocky")),
+    (f"{HEAD}\na,3,.3,,\n", ("line 2", "exchanged?", "must be given", "stocky")),
+    (f"{HEAD}\nb,1,2,-.5,\n", ("line 2", "restitution must be at least 0")),
     (f"{HEAD}\na,1,2,1,0.1\n", ("coefficient of variation", "median of 1")),
     (f"{PLACE}\na,1,1.2,,yes,,,\n", ("line 2", "must be given", "stocky")),
     (f"{PLACE}\na,.2,1,,,.4,5,\n", ("line 2", "'floor damping'", "0 and 1")),
@@ -513,7 +514,7 @@ def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, asse
     assert "<h1>Mine</h1>" in page
     # Fifteen objects a picture.
     assert page.count("<img ") == 3
-    assert "Hazard: the one of the example, of no real place." in page
+    assert "EXAMPLE hazard, of no real place: hazard of pgv from" in page
     assert "its objects and its hazard are made up" in text
     (command,) = re.findall(r"^ +jaxrock (.*)$", text, re.M)
     code, _, err = run(capsys, "inventory", "example", "--out", "here")

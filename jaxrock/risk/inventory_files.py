@@ -127,8 +127,12 @@ def read_inventory(
     is_assumed = np.isnan(values["restitution"])
     restitution = _fill(values["restitution"], by_size)
     contents.require(
-        (restitution >= 0) | (one_sided & ~is_assumed),
-        "a restitution of at least 0 must be given: the one by size is below 0 if stocky",
+        (by_size >= 0) | ~is_assumed,
+        "width and height exchanged? If not, a restitution must be given: so stocky an object has"
+        " none by size",
+    )
+    contents.require(
+        (restitution >= 0) | one_sided, "restitution must be at least 0 where not one-sided"
     )
     remarks = {
         "rocks over its depth, the shorter side of its base": depth < values["width"],
@@ -167,10 +171,11 @@ def _fill(values: np.ndarray, otherwise: np.ndarray | float) -> np.ndarray:
 
 
 def read_example_inventory() -> tuple[Inventory, Hazard]:
-    """Read the objects and the hazard of the example; both are made up."""
+    """Read the objects and the hazard of the example; both are made up, and the hazard says so."""
     with as_file(_DATA) as folder:
         objects, hazard = (folder / f"example_{name}" for name in EXAMPLE_FILES)
-        return read_inventory(objects), read_hazard(hazard)
+        statistic = "EXAMPLE hazard, of no real place:"
+        return read_inventory(objects), read_hazard(hazard, statistic=statistic)
 
 
 def write_example_inventory(folder: Path) -> None:
