@@ -510,11 +510,11 @@ def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, asse
     assert read_inventory(tmp_path / "here" / "objects.csv").names == inventory.names
     written = jr.read_hazard(tmp_path / "here" / "hazard.csv")
     np.testing.assert_array_equal(written.rates, site.hazard.rates)
+    assert str(site.hazard).startswith("EXAMPLE hazard, of no real place: hazard of pgv")
     page = (tmp_path / "here" / "inventory.html").read_text(encoding="utf-8")
     assert "<h1>Mine</h1>" in page
     # Fifteen objects a picture.
     assert page.count("<img ") == 3
-    assert "EXAMPLE hazard, of no real place: hazard of pgv from" in page
     assert "its objects and its hazard are made up" in text
     (command,) = re.findall(r"^ +jaxrock (.*)$", text, re.M)
     code, _, err = run(capsys, "inventory", "example", "--out", "here")
