@@ -101,8 +101,8 @@ def read_restitution(block: Block, restitution: Number) -> Reals:
     domain = ONE_SIDED_RESTITUTION if one_sided else UNIT_INTERVAL
     library = jnp if is_traced(coefficient) else np  # NumPy compiles nothing
     if library is np and 2 < (largest := np.asarray(coefficient).max(initial=0)) < np.inf:
-        meant = f"got {largest:g}, which is {100 * largest:g} %"
-        raise ValueError(f"restitution must be {domain.allowed}, {meant}")
+        percentage = f"{largest:g} is {100 * largest:g} %"
+        raise ValueError(f"restitution must be {domain.allowed}: {percentage}")
     check("restitution", coefficient, domain)
     # The derivative of the magnitude at 0 is 1 in JAX, as for larger values.
     return as_array(library.abs(coefficient)) if one_sided else coefficient
@@ -198,9 +198,7 @@ def assume_restitution(block: Block) -> float:
     restitution = float(compute_restitution_by_size(block))
     if restitution < 0:
         size = f"{float(block.width):.6g} m wide and {float(block.height):.6g} m high"
-        hint = f"{size}: exchanged? If not, " if block.slenderness < 1 else ""
-        reason = "so stocky a block has none by size"
-        raise ValueError(f"{hint}restitution must be given: {reason}")
+        raise ValueError(f"{size}: exchanged? If not, restitution must be given: none by size")
     return restitution
 
 

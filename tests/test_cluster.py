@@ -295,7 +295,7 @@ def test_two_runs_that_begin_a_store(tmp_path, monkeypatch):
         return lexists(place)
 
     monkeypatch.setattr("os.path.lexists", not_yet)
-    with pytest.raises(ValueError, match=r"grid\.zarr' has just been begun by another run"):
+    with pytest.raises(ValueError, match=r"grid\.zarr' is a folder"):
         write_zarr(grid(), path)
     assert write_zarr(grid(), path).taken_over == 3
 

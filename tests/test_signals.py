@@ -54,26 +54,6 @@ def test_an_interrupt_waits_until_a_chunk_is_written(monkeypatch):
     assert [*Path().iterdir()] == []
 
 
-def test_what_a_killed_process_left_is_named_and_removed(tmp_path):
-    code = (
-        "import os; from pathlib import Path; from jaxrock.host import write_whole\n"
-        "with write_whole('out', Path(), ['file'], False): os.kill(os.getpid(), 9)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=False)
-    (left,) = tmp_path.iterdir()
-    Path(".unfinished-work").mkdir()  # not a name of ours
-    with (
-        pytest.warns(UserWarning, match=f"{left.name}', left by .* killed, is now removed"),
-        write_whole("out", tmp_path / "deep", ["new"], False) as scratch,
-    ):
-        (scratch / "new").touch()
-    assert sorted(path.name for path in tmp_path.rglob("*")) == [
-        ".unfinished-work",
-        "deep",
-        "new",
-    ]
-
-
 def test_a_full_disk_under_netcdf(tmp_path):
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -1,5 +1,6 @@
 """The command line: a command is a function, its parameters are the options."""
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -19,7 +20,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # A process in the background of a shell does not hear Ctrl-C, and goes on.
     heard = [number for number in signals if signal.getsignal(number) != signal.SIG_IGN]
     for number in heard:
-        signal.signal(number, signal.SIG_DFL)  # while JAX is imported, which takes a second
+        # While JAX is imported, which takes a second, no file is open.
+        signal.signal(number, lambda came, _: os._exit(128 + came))
     from ..host import end_process
     from .application import run_command
 

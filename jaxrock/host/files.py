@@ -3,20 +3,17 @@
 import contextlib
 import errno
 import os
-import platform
 import shutil
 import signal
 import stat
 import threading
 import uuid
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-# Names of scratch folders begin with it; the machine and the number of the process come next.
-_PREFIX = ".unfinished-"
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-_scratch_folders = set[Path]()  # of this process
+# Of this process, beside the folders of the files.
+_scratch_folders = set[Path]()
 
 
 def read_regular(path: Path) -> bytes:
@@ -91,19 +88,16 @@ def write_whole(
     """Let the body write the files `names` into a scratch folder, then move them to `folder`.
 
     Nothing is computed before it is known that the files can be written. A missing folder is
-    made. If the body raises, nothing is left behind. The scratch folder of a process that was
-    killed is removed by the next call for the same folder, with a warning that names it. A
-    `ValueError` names the `argument` that said where to write: if a file exists and
-    `overwrite` is false, or if anything cannot be written.
+    made. If the body raises, nothing is left behind. A `ValueError` names the `argument` that
+    said where to write: if a file exists and `overwrite` is false, or if anything cannot be
+    written.
     """
     try:
         _check_free(argument, folder, names, overwrite)
         # As near to the target as there is a folder: only within one file system is a move
         # atomic.
         nearest = next(path for path in (folder, *folder.parents) if path.is_dir())
-        _remove_abandoned(nearest)
-        mark = f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
-        scratch = nearest / f"{_PREFIX}{mark}"
+        scratch = nearest / f".unfinished-{uuid.uuid4().hex[:8]}"
         _scratch_folders.add(scratch)
         try:
             scratch.mkdir()
@@ -138,30 +132,3 @@ def _check_free(argument: str, folder: Path, names: Sequence[str], overwrite: bo
     for parent in (folder, *folder.parents):
         if parent.exists() and not parent.is_dir():
             raise NotADirectoryError(f"{str(parent)!r} is a file")
-
-
-def _remove_abandoned(folder: Path) -> None:
-    """Remove, with a warning, scratch folders of killed processes of this machine."""
-    # On a shared file system the processes of other machines cannot be asked.
-    for path in folder.glob(f"{_PREFIX}{platform.node()}-*-*"):
-        number = path.name.split("-")[-2]
-        if number.isdecimal() and not _is_running(int(number)):
-            shutil.rmtree(path, ignore_errors=True)
-            result = "could not be removed" if path.exists() else "is now removed"
-            warnings.warn(
-                f"{str(path)!r}, left by a process that was killed, {result}", stacklevel=4
-            )
-
-
-def _is_running(process: int) -> bool:
-    """Return whether a process of this machine runs, by its number."""
-    # On Windows signal 0 is not a question. Scratch folders that are left there stay.
-    if os.name == "nt":
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # of another user
-        return True
-    return True

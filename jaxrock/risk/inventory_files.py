@@ -127,12 +127,8 @@ def read_inventory(
     is_assumed = np.isnan(values["restitution"])
     restitution = _fill(values["restitution"], by_size)
     contents.require(
-        (by_size >= 0) | ~is_assumed,
-        "width and height exchanged? If not, a restitution must be given: so stocky an object has"
-        " none by size",
-    )
-    contents.require(
-        (restitution >= 0) | one_sided, "restitution must be at least 0 where not one-sided"
+        (restitution >= 0) | (one_sided & ~is_assumed),
+        "width and height exchanged? If not, a restitution of at least 0 must be given",
     )
     remarks = {
         "rocks over its depth, the shorter side of its base": depth < values["width"],

@@ -10,8 +10,6 @@ from ..host import read_regular
 # By the byte-order mark, which UTF-8 may have too.
 _ENCODINGS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 
-_SPREADSHEETS = (b"PK\3\4", b"\xd0\xcf\x11\xe0")  # .xlsx and .ods, .xls
-
 
 class NamedFile:
     """A file of any kind, and errors that name it."""
@@ -27,13 +25,10 @@ class NamedFile:
     def read_content(self) -> bytes:
         """Read the whole file; a `ValueError` that names it if it cannot be read."""
         try:
-            content = read_regular(self.path)
+            return read_regular(self.path)
         except OSError as error:
             reason = error.strerror or error
             raise self.error(f"the file cannot be read: {reason}") from error
-        if content.startswith(_SPREADSHEETS):
-            raise self.error("a text file was expected: save a spreadsheet as CSV")
-        return content
 
 
 class TextFile(NamedFile):
@@ -57,7 +52,7 @@ class TextFile(NamedFile):
         if not whole.strip():
             raise self.error("the file is empty")
         if "\0" in whole:
-            raise self.error("a text file was expected, this one is binary")
+            raise self.error("a text file was expected: save a spreadsheet as CSV")
         self.ends = len(text) > len(whole)
         self.lines = whole.split("\n")
 
