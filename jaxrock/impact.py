@@ -97,12 +97,15 @@ def read_restitution(block: Block, restitution: Number) -> Reals:
     """
     coefficient = as_real("restitution", restitution, unit="")
     # The kind of the block is checked by the caller, perhaps later.
-    if getattr(block, "one_sided", False):
-        check("restitution", coefficient, ONE_SIDED_RESTITUTION)
-        # Its derivative at 0 is 1 in JAX, as for larger values. In NumPy, which compiles nothing.
-        return as_array((jnp if is_traced(coefficient) else np).abs(coefficient))
-    check("restitution", coefficient, UNIT_INTERVAL)
-    return coefficient
+    one_sided = getattr(block, "one_sided", False)
+    domain = ONE_SIDED_RESTITUTION if one_sided else UNIT_INTERVAL
+    library = jnp if is_traced(coefficient) else np  # NumPy compiles nothing
+    if library is np and 2 < (largest := np.asarray(coefficient).max(initial=0)) < np.inf:
+        percentage = f"{largest:g} is {100 * largest:g} %"
+        raise ValueError(f"restitution must be {domain.allowed}: {percentage}")
+    check("restitution", coefficient, domain)
+    # The derivative of the magnitude at 0 is 1 in JAX, as for larger values.
+    return as_array(library.abs(coefficient)) if one_sided else coefficient
 
 
 def prepare_restitution(arguments: dict[str, Any]) -> None:
@@ -190,6 +193,15 @@ def compute_restitution_by_size(block: Block) -> Reals:
     return -one_sided_restitution(block) if block.one_sided else housner_restitution(block)
 
 
+def assume_restitution(block: Block) -> float:
+    """Compute the restitution of one block from its size; a `ValueError` if it has none."""
+    restitution = float(compute_restitution_by_size(block))
+    if restitution < 0:
+        size = f"{float(block.width):.6g} m wide and {float(block.height):.6g} m high"
+        raise ValueError(f"{size}: exchanged? If not, restitution must be given: none by size")
+    return restitution
+
+
 def compute_low_restitution(block: Block) -> Reals:
     """Compute a low restitution for a block of which only the size is known.
 
@@ -206,7 +218,7 @@ def compute_low_restitution(block: Block) -> Reals:
 def describe_assumed_restitution(block: Block) -> str:
     """Describe the restitution that follows from the size of one block, as an assumption."""
     theory = "from size against a wall" if block.one_sided else "Housner's"
-    return f"C = {float(compute_restitution_by_size(block)):.3f} ({theory}, assumed)"
+    return f"C = {assume_restitution(block):.3f} ({theory}, assumed)"
 
 
 def describe_scene(block: Block, restitution: Number | None = None) -> str:

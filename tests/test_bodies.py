@@ -14,6 +14,7 @@ from tools.selection import first_by_default, some_by_default
 
 import jaxrock as jr
 from jaxrock.driven import Equation
+from jaxrock.impact import assume_restitution
 
 RATIOS = [1.0, 1.1, 1.25, 1.6, 2.5]
 MODELS = [jr.Linearized(), jr.Nonlinear()]
@@ -475,3 +476,10 @@ def test_assessment_of_a_body():
     assert found["scene"]["inertia_ratio"] == pytest.approx(1.2)
     first = jr.reports.assessment.write_text(found).splitlines()[0]
     assert "0.8 m wide, centre of mass 2 m high (slenderness 5), inertia ratio 1.2" in first
+
+
+def test_a_block_without_a_restitution_by_size_is_perhaps_lying():
+    with pytest.raises(ValueError, match=r"^3 m wide and 0.3 m high: exchanged\? If not"):
+        assume_restitution(jr.Block.from_size(width=3.0, height=0.3))
+    with pytest.raises(ValueError, match=r"^1 m wide and 1.2 m high: exchanged\? If not"):
+        assume_restitution(jr.Block.from_size(width=1.0, height=1.2, one_sided=True))

@@ -1,8 +1,6 @@
 """Worker processes, and stores that are continued: whatever is killed, the same bits in the end."""
 
-import contextlib
 import errno
-import json
 import os
 import signal
 import subprocess
@@ -18,7 +16,6 @@ import xarray
 import zarr
 from distributed import Client
 from tables.grids import AXES, GRIDS, blocks, record, same_bits
-from tools.command import run
 
 import jaxrock as jr
 from jaxrock.grids import local_cluster, write_zarr
@@ -298,7 +295,7 @@ def test_two_runs_that_begin_a_store(tmp_path, monkeypatch):
         return lexists(place)
 
     monkeypatch.setattr("os.path.lexists", not_yet)
-    with pytest.raises(ValueError, match=r"grid\.zarr' has just been begun by another run"):
+    with pytest.raises(ValueError, match=r"grid\.zarr' is a folder"):
         write_zarr(grid(), path)
     assert write_zarr(grid(), path).taken_over == 3
 
@@ -337,44 +334,3 @@ def test_accelerators(monkeypatch, tmp_path):
         (tmp_path / "gpus" / name).mkdir(parents=True)
     monkeypatch.setattr("jaxrock.grids.workers._GPUS", tmp_path / "gpus")
     assert choose_accelerator(1, 2, {}) == {"CUDA_VISIBLE_DEVICES": "1"}
-
-
-SMALL = ("--slenderness", "3:9:5", "--width", 0.4, 0.8, "--restitution", 0.7)
-
-
-def use_cluster(monkeypatch, client):
-    """Let commands use the workers that are there, which takes seconds less."""
-    monkeypatch.setattr(
-        "jaxrock.grids.workers.local_cluster",
-        lambda _, **options: contextlib.nullcontext(client.cluster),
-    )
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_commands_write_stores(client, tmp_path, monkeypatch, capsys):
-    use_cluster(monkeypatch, client)
-    monkeypatch.chdir(tmp_path)
-    command = ("spectrum", *SMALL, "--store", "s.zarr", "--json")
-    for taken_over in (0, 1):
-        code, out, err = run(capsys, *command)
-        assert (code, err) == (0, "")
-        answer = json.loads(out)
-        assert (answer["chunks"], answer["taken_over"]) == (1, taken_over)
-        assert answer["sizes"] == {"slenderness": 5, "width": 2}
-    spectrum = jr.resonance_spectrum(np.linspace(3, 9, 5), [0.4, 0.8], 0.7, 0.15)
-    stored = opened(tmp_path / "s.zarr")
-    assert stored.attrs["command"] == "spectrum"
-    assert (
-        stored.stabilized_period.values.tobytes()
-        == spectrum.stabilized_period.values.tobytes()
-    )
-    assert answer["overturned"] == float((spectrum.overturning_margin <= 0).mean())
-    code, _, err = run(capsys, "spectrum", "--store", "s.zarr", "--gravity", 1.62)
-    assert code == 2
-    assert "'s.zarr' belongs to another grid: its slenderness differs; it is left" in err
-    rocking = ("rocking-spectrum", "--free-period", "1:3:3", "--slenderness", 5)
-    assert run(capsys, *rocking, "--store", "r.zarr")[0] == 0
-    alone = jr.rocking_spectrum(jr.example_record(), [1.0, 2.0, 3.0], 5.0, 0.9)
-    assert opened(tmp_path / "r.zarr").margin.values.tobytes() == alone.margin.values.tobytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.zarr", "s.zarr"]

@@ -96,9 +96,10 @@ REFUSED = [
     (f"{HEAD}\na,1,2,,-1\n", ("line 2", "at least 0", "'-1'")),
     (f"{HEAD}\na,40,160,,\n", ("line 2", "'40'", "at most 30 m")),
     (f"{HEAD}\na,1,2,,\na,1,2,,\n", ("names must differ", "'a'")),
-    (f"{HEAD}\na,2,1,,\nb,1,2,-.5,\n", ("line 2", "line 3", "must be given", "stocky")),
+    (f"{HEAD}\na,3,.3,,\n", ("line 2", "exchanged?", "must be given")),
+    (f"{HEAD}\nb,1,2,-.5,\n", ("line 2", "restitution of at least 0")),
     (f"{HEAD}\na,1,2,1,0.1\n", ("coefficient of variation", "median of 1")),
-    (f"{PLACE}\na,1,1.2,,yes,,,\n", ("line 2", "must be given", "stocky")),
+    (f"{PLACE}\na,1,1.2,,yes,,,\n", ("line 2", "must be given")),
     (f"{PLACE}\na,.2,1,,,.4,5,\n", ("line 2", "'floor damping'", "0 and 1")),
     (f"{PLACE}\na,.2,1,,,,.05,\n", ("line 2", "damping or participation goes")),
     (f"{PLACE}\na,.2,1,,,250,,\n", ("line 2", "from 0 to 20, in s", "'250'")),
@@ -488,6 +489,7 @@ def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, asse
     assert read_inventory(tmp_path / "here" / "objects.csv").names == inventory.names
     written = jr.read_hazard(tmp_path / "here" / "hazard.csv")
     np.testing.assert_array_equal(written.rates, site.hazard.rates)
+    assert str(site.hazard).startswith("EXAMPLE hazard, of no real place: hazard of pgv")
     page = (tmp_path / "here" / "inventory.html").read_text(encoding="utf-8")
     assert "<h1>Mine</h1>" in page
     # Fifteen objects a picture.

@@ -3,9 +3,7 @@
 import io
 import itertools
 import logging
-import os
 import re
-import select
 import time
 from types import SimpleNamespace
 
@@ -72,24 +70,6 @@ def test_a_bar_on_a_terminal(quick, monkeypatch, caplog):
         assert loop() == [0, 1, 2, 3]
     assert read_percents(terminal.getvalue(), "steps") == [0, 25, 50, 75, 100]
     assert caplog.messages == []
-
-
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
-def test_a_terminal_of_unknown_size_has_80_columns(quick, monkeypatch):
-    ours, theirs = os.openpty()
-    with open(theirs, "w", encoding="utf-8") as terminal:
-        assert os.get_terminal_size(terminal.fileno()) == (0, 0)
-        monkeypatch.setattr("sys.stderr", terminal)
-        loop()
-        terminal.flush()
-        shown = b""
-        # What was written arrives bit by bit.
-        while select.select([ours], [], [], 0.5)[0]:
-            shown += os.read(ours, 65536)
-    os.close(ours)
-    bars = [part for part in shown.decode().split("\r") if "%|" in part]
-    assert len(bars) == 5
-    assert {len(bar.rstrip("\n")) for bar in bars} <= {79, 80}
 
 
 @pytest.mark.parametrize("stderr", [io.StringIO(), None])

@@ -122,12 +122,12 @@ def test_sizes_that_are_hardly_meant_in_metres():
 def test_intensities_that_are_hardly_meant_in_metres():
     suite = scenes.suite()
     sentence = (
-        "the hazard reaches a peak ground velocity of 150 m/s, more than any earthquake; if"
-        " cm/s was meant, it is 1.5 m/s"
+        r"the hazard reaches a peak ground velocity of 150 m/s, more than any earthquake: is the"
+        r" unit right\?"
     )
     with pytest.warns(UserWarning, match=f"^{sentence}$"):
         jr.Site(suite, jr.Hazard([10.0, 150.0], [1e-2, 1e-4]), "pgv")
-    with pytest.warns(UserWarning, match=r"acceleration of 600 m/s2, .* it is 6 m/s2"):
+    with pytest.warns(UserWarning, match="acceleration of 600 m/s2, more"):
         jr.Site(suite, jr.Hazard([10.0, 600.0], [1e-2, 1e-4]), "pga")
     for measure, largest in (("pgv", 20.0), ("pga", 100.0)):
         jr.Site(suite, jr.Hazard([0.1, largest], [1e-2, 1e-4]), measure)

@@ -1,32 +1,32 @@
 """The command line: a command is a function, its parameters are the options."""
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command; by default the one of this process.
+    """Run a command; by default the one of this process, which signals end.
 
     Raises
     ------
     SystemExit
-        With 2 if the command is refused or fails, 130 after Ctrl-C, 141 if the reader of its
-        output has gone, and with the code of its answer if that is not 0.
+        With 2 if the command is refused or fails, 141 if the reader of its output has gone, and
+        with the code of its answer if that is not 0. Ctrl-C ends the process with 130, SIGTERM
+        with 143.
     """
-    handler = signal.getsignal(signal.SIGINT)
-    if arguments is None and handler is signal.default_int_handler:
-        # While JAX is imported, which takes a second, Ctrl-C ends the process at once: raised
-        # amid its libraries, an exception is told in many lines.
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signals = [] if arguments is not None else [signal.SIGINT, signal.SIGTERM]
+    # A process in the background of a shell does not hear Ctrl-C, and goes on.
+    heard = [number for number in signals if signal.getsignal(number) != signal.SIG_IGN]
+    for number in heard:
+        # While JAX is imported, which takes a second, no file is open.
+        signal.signal(number, lambda came, _: os._exit(128 + came))
+    from ..host import end_process
     from .application import run_command
 
-    try:
-        if arguments is None:
-            signal.signal(signal.SIGINT, handler)
-        code = run_command(sys.argv[1:] if arguments is None else arguments)
-    except KeyboardInterrupt:
-        print("jaxrock: interrupted", file=sys.stderr)
-        code = 128 + signal.SIGINT
+    for number in heard:
+        signal.signal(number, end_process)
+    code = run_command(sys.argv[1:] if arguments is None else arguments)
     if code:
         raise SystemExit(code)

@@ -13,7 +13,7 @@ from cyclopts import Group, Parameter
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..grids import as_axis
 from ..host import read_version, write_whole
-from ..impact import compute_restitution_by_size, describe_scene, read_restitution
+from ..impact import assume_restitution, describe_scene, read_restitution
 from ..validation import POSITIVE, check
 from .answers import Files
 
@@ -144,16 +144,9 @@ class BlockOptions:
     @property
     def coefficient(self) -> float:
         """The coefficient of restitution."""
-        block = self.block
-        if self.restitution is not None:
-            return float(read_restitution(block, self.restitution))
-        by_size = float(compute_restitution_by_size(block))
-        if by_size < 0:
-            raise ValueError(
-                f"--restitution must be given for a block {float(block.width):.4g} m wide and"
-                f" {float(block.height):.4g} m high (exchanged?), since its size gives none"
-            )
-        return by_size
+        if self.restitution is None:
+            return assume_restitution(self.block)
+        return float(read_restitution(self.block, self.restitution))
 
     @property
     def text(self) -> str:

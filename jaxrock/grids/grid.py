@@ -14,6 +14,7 @@ from jaxtyping import PyTree
 
 from ..host import (
     count_processors,
+    defer_interrupts,
     import_optional,
     make_dataset,
     map_in_threads,
@@ -149,11 +150,12 @@ class Grid:
             at = dict(zip(sizes, place, strict=True))
             parts = [v[at[n]] if n in at else v for n, v in self.axes.items()]
             answers = self.compute(self.shared, *parts)
-            for name, target in targets.items():
-                # A variable without some of the axes is written once for each chunk along
-                # these, each time with the same numbers.
-                dims = self.variables[name].dims
-                target[tuple(at.get(dim, slice(None)) for dim in dims)] = answers[name]
+            with defer_interrupts():
+                for name, target in targets.items():
+                    # A variable without some of the axes is written once for each chunk along
+                    # these, each time with the same numbers.
+                    dims = self.variables[name].dims
+                    target[tuple(at.get(dim, slice(None)) for dim in dims)] = answers[name]
 
     def label(self, arrays: Mapping[str, object]) -> "xarray.Dataset":
         """Make the dataset of arrays of all variables, be they of NumPy or of Dask."""
@@ -186,14 +188,16 @@ class Grid:
         # others here, so that what makes them coordinates is written by hand.
         with write_whole("store", path.parent, [path.name], overwrite=True) as scratch:
             bare = make_dataset(self.title, {}, coordinates, self.attributes)
-            bare.reset_coords().to_netcdf(scratch / path.name)
+            with defer_interrupts():
+                bare.reset_coords().to_netcdf(scratch / path.name)
             with netCDF4.Dataset(scratch / path.name, "a") as file:
                 for name, (dims, dtype, described) in self.variables.items():
                     missing = math.nan if np.dtype(dtype).kind == "f" else None
                     target = file.createVariable(name, dtype, dims, fill_value=missing)
                     target.setncatts({**described, **named})
                 self.fill({name: file[name] for name in self.variables})
-        return xarray.open_dataset(path)
+        with defer_interrupts():
+            return xarray.open_dataset(path)
 
 
 def _compute_part(grid: Grid, shared: PyTree, *parts: np.ndarray) -> dict[str, np.ndarray]:

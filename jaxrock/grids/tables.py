@@ -4,7 +4,7 @@ from collections.abc import Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..host import show_progress, write_whole
+from ..host import defer_interrupts, show_progress, write_whole
 from ..tables import format_heading, write_inputs
 from ..validation import check_kind
 from .axes import expand_scalars
@@ -56,7 +56,8 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     ):
         write_inputs(file, {n: v for n, v in dataset.attrs.items() if n != "Conventions"})
         for index, part in enumerate(show_progress(divide_dataset(dataset), "table")):
-            frame = dataset.isel(part).to_dataframe().reset_index()
+            with defer_interrupts():  # of the file that the dataset may be read from
+                frame = dataset.isel(part).to_dataframe().reset_index()
             heads = [
                 format_heading(str(n), dataset[n].attrs.get("units", ""))
                 for n in frame.columns

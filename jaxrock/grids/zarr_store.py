@@ -209,21 +209,14 @@ def _begin_store(path: Path, dataset: xarray.Dataset, identity: str) -> None:
         MADE_BY: name_versions(),
         _UNFINISHED: "chunks are missing",
     }
-    try:
-        with write_whole("store", path.parent, [path.name], overwrite=False) as scratch:
-            target = scratch / path.name
-            named = dataset.assign_attrs(about)
-            # With a checksum, by which a chunk that is cut or has lost a bit is told.
-            codec = {"compressors": [numcodecs.Zstd(level=1, checksum=True)]}
-            encoding = {name: codec for name in named.variables}
-            named.to_zarr(
-                target, mode="w-", compute=False, zarr_format=FORMAT, encoding=encoding
-            )
-    # `write_whole` refuses a path that has come into being since `write_zarr` looked.
-    except ValueError as error:
-        if not path.is_dir():
-            raise
-        raise ValueError(f"store: {str(path)!r} has just been begun by another run") from error
+    # It refuses a path that another run has begun since `write_zarr` looked.
+    with write_whole("store", path.parent, [path.name], overwrite=False) as scratch:
+        target = scratch / path.name
+        named = dataset.assign_attrs(about)
+        # With a checksum, by which a chunk that is cut or has lost a bit is told.
+        codec = {"compressors": [numcodecs.Zstd(level=1, checksum=True)]}
+        encoding = {name: codec for name in named.variables}
+        named.to_zarr(target, mode="w-", compute=False, zarr_format=FORMAT, encoding=encoding)
 
 
 def _list_present_chunks(path: Path, name: str) -> set[Index]:

@@ -26,7 +26,7 @@ LARGEST_INTENSITIES = {"pga": 100.0, "pgv": 20.0}
 
 
 def warn_of_large_intensities(name: str, levels: Numbers, measure: str) -> None:
-    """Warn of levels that no earthquake reaches, and that were perhaps given in centimetres.
+    """Warn of levels that no earthquake reaches, which are perhaps in another unit.
 
     Traced levels, and those of measures that are relative to a block, are not looked at.
 
@@ -46,7 +46,7 @@ def warn_of_large_intensities(name: str, levels: Numbers, measure: str) -> None:
         measure_in_words, unit, _ = MEASURES[measure]
         warnings.warn(
             f"{name} reaches a {measure_in_words} of {largest:.4g} {unit}, more than any"
-            f" earthquake; if c{unit} was meant, it is {largest / 100:.4g} {unit}",
+            " earthquake: is the unit right?",
             stacklevel=3,
         )
 

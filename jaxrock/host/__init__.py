@@ -6,6 +6,8 @@ from .datasets import make_dataset as make_dataset
 from .extras import find_optional as find_optional
 from .extras import import_optional as import_optional
 from .files import CannotWrite as CannotWrite
+from .files import defer_interrupts as defer_interrupts
+from .files import end_process as end_process
 from .files import read_regular as read_regular
 from .files import sync as sync
 from .files import write_whole as write_whole

@@ -1,18 +1,19 @@
-"""Reading regular files, and writing files whole or not at all."""
+"""Reading regular files, and writing files whole or not at all, whatever interrupts it."""
 
 import contextlib
 import errno
 import os
-import platform
 import shutil
+import signal
 import stat
+import threading
 import uuid
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-# Names of scratch folders begin with it; the machine and the number of the process come next.
-_PREFIX = ".unfinished-"
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# Of this process, beside the folders of the files.
+_scratch_folders = set[Path]()
 
 
 def read_regular(path: Path) -> bytes:
@@ -34,6 +35,41 @@ def sync(path: Path) -> None:
                 os.fsync(stream.fileno())
 
 
+@contextlib.contextmanager
+def defer_interrupts() -> Iterator[None]:
+    """Let SIGINT and SIGTERM wait until the body is done.
+
+    A handler may raise an exception anywhere, even in a library that holds a lock: whoever
+    wants the lock next, as to close a file, waits for ever. Only the main thread has handlers,
+    and only it is interrupted.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    # A handler that is not Python's, as in R, could not be put back.
+    numbers = [n for n in _SIGNALS if is_main and signal.getsignal(n) is not None]
+    waiting = set[int]()
+    handlers = {n: signal.signal(n, lambda came, _: waiting.add(came)) for n in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in reversed(handlers.items()):
+            signal.signal(number, handler)
+        for number in waiting:
+            signal.raise_signal(number)
+
+
+def end_process(number: int, _: object) -> None:
+    """Remove unfinished files and end this process at once, as a handler of signals.
+
+    For a process that has nothing else to do. No exception is raised, which could meet a lock
+    as `defer_interrupts` says. The exit code is the one of a shell, 128 + number.
+    """
+    for scratch in tuple(_scratch_folders):
+        shutil.rmtree(scratch, ignore_errors=True)
+    with contextlib.suppress(OSError):
+        os.write(2, b"jaxrock: interrupted\n")  # `print` may be what is interrupted
+    os._exit(128 + number)
+
+
 class CannotWrite(ValueError):
     """The error that a folder cannot be written to, for the `reason` of another error."""
 
@@ -52,32 +88,32 @@ def write_whole(
     """Let the body write the files `names` into a scratch folder, then move them to `folder`.
 
     Nothing is computed before it is known that the files can be written. A missing folder is
-    made. If the body raises, nothing is left behind. The scratch folder of a process that was
-    killed is removed by the next call for the same folder, with a warning that names it. A
-    `ValueError` names the `argument` that said where to write: if a file exists and
-    `overwrite` is false, or if anything cannot be written.
+    made. If the body raises, nothing is left behind. A `ValueError` names the `argument` that
+    said where to write: if a file exists and `overwrite` is false, or if anything cannot be
+    written.
     """
     try:
         _check_free(argument, folder, names, overwrite)
         # As near to the target as there is a folder: only within one file system is a move
         # atomic.
         nearest = next(path for path in (folder, *folder.parents) if path.is_dir())
-        _remove_abandoned(nearest)
-        mark = f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
-        scratch = nearest / f"{_PREFIX}{mark}"
-        scratch.mkdir()
+        scratch = nearest / f".unfinished-{uuid.uuid4().hex[:8]}"
+        _scratch_folders.add(scratch)
         try:
+            scratch.mkdir()
             yield scratch
             # All are on the disk before the first gets its name: a full disk leaves none.
             for name in names:
                 sync(scratch / name)
             # Another run may have written meanwhile.
             _check_free(argument, folder, names, overwrite)
-            folder.mkdir(parents=True, exist_ok=True)
-            for name in names:
-                os.replace(scratch / name, folder / name)
+            with defer_interrupts():
+                folder.mkdir(parents=True, exist_ok=True)
+                for name in names:
+                    os.replace(scratch / name, folder / name)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
+            _scratch_folders.discard(scratch)
     except (OSError, CannotWrite, RuntimeError) as error:  # CannotWrite: of the scratch folder
         if isinstance(error, RuntimeError) and not str(error).startswith("NetCDF:"):
             raise  # netCDF4 reports a full disk, among others, as "NetCDF: ..."
@@ -96,30 +132,3 @@ def _check_free(argument: str, folder: Path, names: Sequence[str], overwrite: bo
     for parent in (folder, *folder.parents):
         if parent.exists() and not parent.is_dir():
             raise NotADirectoryError(f"{str(parent)!r} is a file")
-
-
-def _remove_abandoned(folder: Path) -> None:
-    """Remove, with a warning, scratch folders of killed processes of this machine."""
-    # On a shared file system the processes of other machines cannot be asked.
-    for path in folder.glob(f"{_PREFIX}{platform.node()}-*-*"):
-        number = path.name.split("-")[-2]
-        if number.isdecimal() and not _is_running(int(number)):
-            shutil.rmtree(path, ignore_errors=True)
-            result = "could not be removed" if path.exists() else "is now removed"
-            warnings.warn(
-                f"{str(path)!r}, left by a process that was killed, {result}", stacklevel=4
-            )
-
-
-def _is_running(process: int) -> bool:
-    """Return whether a process of this machine runs, by its number."""
-    # On Windows signal 0 is not a question. Scratch folders that are left there stay.
-    if os.name == "nt":
-        return True
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # of another user
-        return True
-    return True

@@ -7,7 +7,6 @@ asks for it, as the command line does.
 import contextlib
 import contextvars
 import logging
-import os
 import sys
 import threading
 import time
@@ -22,9 +21,6 @@ _SHORT = 2.0  # seconds before a bar is shown
 _MOMENT = 0.1  # seconds between two looks at how far a step is
 _LONG = 5.0  # seconds; the end of a shorter step is not worth a line
 _BETWEEN = 10.0  # seconds between lines that say how far a step is, at least
-# Of a terminal that does not say how large it is.
-_COLUMNS = 80
-_LINES = 24
 _FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 _logger = logging.getLogger("jaxrock")
 _open = contextvars.ContextVar["Work | None"]("_open", default=None)
@@ -78,12 +74,9 @@ class Work:
         if self._bar is None:
             from tqdm import tqdm
 
-            columns, lines = _measure_terminal()
             self._bar = tqdm(
                 desc=self._label,
                 total=100,
-                ncols=columns,
-                nrows=lines,
                 bar_format=_FORMAT,
                 leave=False,
                 smoothing=0,
@@ -170,15 +163,6 @@ def _count_items(items: Collection[_Item], label: str) -> Iterator[_Item]:
         complete = True
     finally:
         work.close(complete)
-
-
-def _measure_terminal() -> tuple[int, int]:
-    """Measure columns and lines of the terminal; those of a usual one if it is unknown."""
-    columns = lines = 0
-    # Standard error may be an object that is no file.
-    with contextlib.suppress(OSError, ValueError, AttributeError):
-        columns, lines = os.get_terminal_size(sys.stderr.fileno())
-    return columns or _COLUMNS, lines or _LINES
 
 
 def announce(text: str) -> None:

@@ -128,7 +128,7 @@ def read_inventory(
     restitution = _fill(values["restitution"], by_size)
     contents.require(
         (restitution >= 0) | (one_sided & ~is_assumed),
-        "a restitution of at least 0 must be given: the one by size is below 0 if stocky",
+        "width and height exchanged? If not, a restitution of at least 0 must be given",
     )
     remarks = {
         f"damping of its floor not given, {FLOOR_DAMPING:g} assumed": (
@@ -166,10 +166,11 @@ def _fill(values: np.ndarray, otherwise: np.ndarray | float) -> np.ndarray:
 
 
 def read_example_inventory() -> tuple[Inventory, Hazard]:
-    """Read the objects and the hazard of the example; both are made up."""
+    """Read the objects and the hazard of the example; both are made up, and the hazard says so."""
     with as_file(_DATA) as folder:
         objects, hazard = (folder / f"example_{name}" for name in EXAMPLE_FILES)
-        return read_inventory(objects), read_hazard(hazard)
+        statistic = "EXAMPLE hazard, of no real place:"
+        return read_inventory(objects), read_hazard(hazard, statistic=statistic)
 
 
 def write_example_inventory(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Quantities: words, symbol, unit and domain, by the names that they have in the code."""
 
+import re
 from typing import NamedTuple
 
 from ..validation import (
@@ -10,7 +11,13 @@ from ..validation import (
     UNIT_INTERVAL,
     Domain,
 )
-from .writing import print_unit
+
+
+def print_unit(unit: str) -> str:
+    """Print a unit in the style of CF, ``m s-2``, as ``m/s2``, and ``1`` as ``-``."""
+    # What has a negative power moves behind a stroke.
+    printed = re.sub(r"(?:^| )([a-z]+)-1?(\d?)", r"/\1\2", unit)
+    return "-" if unit == "1" else re.sub("^/", "1/", printed)
 
 
 class Quantity(NamedTuple):

@@ -52,7 +52,7 @@ class TextFile(NamedFile):
         if not whole.strip():
             raise self.error("the file is empty")
         if "\0" in whole:
-            raise self.error("a text file was expected, this one is binary")
+            raise self.error("a text file was expected: save a spreadsheet as CSV")
         self.ends = len(text) > len(whole)
         self.lines = whole.split("\n")
 

@@ -1,21 +1,13 @@
 """Tables as they are written, in one style: inputs above, heads with units, comma-separated."""
 
 import csv
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 
-from .quantities import UNITS
-
-
-def print_unit(unit: str) -> str:
-    """Print a unit in the style of CF, ``m s-2``, as ``m/s2``, and ``1`` as ``-``."""
-    # What has a negative power moves behind a stroke.
-    printed = re.sub(r"(?:^| )([a-z]+)-1?(\d?)", r"/\1\2", unit)
-    return "-" if unit == "1" else re.sub("^/", "1/", printed)
+from .quantities import UNITS, print_unit
 
 
 def format_heading(name: str, unit: str = "") -> str:

@@ -50,7 +50,7 @@ HEAD = "name,width [m],period [s]"
 # What is refused, with what the error must contain.
 REFUSED = [
     ("", ("is empty",)),
-    (b"a\0b", ("binary",)),
+    (b"PK\3\4\24\0", ("save a spreadsheet as CSV",)),
     (b"\xff\xfea", ("damaged", "utf-16")),
     ("Hall 3\nname,heigth [m]\na,1\n", ("line 2", "name, width [m]", "heigth")),
     ("1,2\n3,4\n", ("line 1", "name, width [m]", "'1,2'")),

@@ -29,7 +29,6 @@ from .smc import SMC_TITLE, read_smc
 StrPath = str | os.PathLike[str]
 TABLE_SUFFIXES = (".csv", ".tsv")
 TRACE_SUFFIXES = (".mseed", ".miniseed", ".msd", ".sac")
-_MANY = 4096  # bytes, among which those of a binary file have zeros
 
 
 class Format(NamedTuple):
@@ -68,7 +67,8 @@ def read_components(path: Path, caller: Caller, *named: str) -> list[Component]:
         return read_samples(TextFile(path), caller, *named)
     file = NamedFile(path)
     content = file.read_content()
-    is_binary = b"\0" in content[:_MANY] and content[:2] not in (b"\xff\xfe", b"\xfe\xff")
+    # UTF-16 has zeros too, and a spreadsheet is refused as a text.
+    is_binary = b"\0" in content and content[:2] not in (b"\xff\xfe", b"\xfe\xff", b"PK")
     if path.suffix.lower() in TRACE_SUFFIXES or is_binary:
         return read_traces(file, content, caller)
     text = TextFile(path, content)
