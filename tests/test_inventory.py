@@ -15,7 +15,7 @@ from tools.command import run
 import jaxrock as jr
 from jaxrock.impact import compute_low_restitution, compute_restitution_by_size
 from jaxrock.plot import plot_inventory
-from jaxrock.reports import list_remarks, write_inventory_page
+from jaxrock.risk import list_remarks, write_inventory_page
 from jaxrock.risk import (
     Inventory,
     assess_inventory,

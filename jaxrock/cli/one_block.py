@@ -58,7 +58,7 @@ def assess(
         scene = resonance.Scene(block, c, intensity)
         answers = assess_scene(scene, tolerance)
     answers["scene"]["restitution_assumed"] = block_options.restitution is None
-    text = answers.details(by_sides=block_options.height is not None) if details else answers
+    text = answers.details() if details else answers
     return Answer(text, answers, output)
 
 

@@ -12,7 +12,7 @@ from .. import sensitivity as dependence
 from ..block import SIZE_NAMES, block_of, size_of
 from ..ground_motion import Suite
 from ..sensitivity import Uncertain
-from ..tables import UNITS
+from ..tables import write_label
 from ..validation import POSITIVE, Number, Reals, check
 from .answers import Answer, list_rows
 from .motion_options import MOTION, MotionOptions
@@ -93,7 +93,9 @@ def sensitivity(
             moments.variance_fractions[name] for name in local.names
         ]
         files.write_csv("sensitivity.csv", columns, block=block_options.text)
-        files.save_picture("tornado.png", plot_tornado(bars, label=_write_label(answer)))
+        files.save_picture(
+            "tornado.png", plot_tornado(bars, label=write_label(answer.replace("-", "_")))
+        )
     known = moments.within_tolerance
     mean, deviation = (moments.mean, moments.standard_deviation) if known else (math.nan,) * 2
     data = {"answer": answer, "model": model, "value": local.value, "mean": mean}
@@ -184,7 +186,9 @@ def driven_sensitivity(  # noqa: PLR0913
             texts += ["", f"{answer} {bars}", local]
             data |= {"answer": answer, "value": bars.value}
             data |= {name: getattr(local, name) for name in _SUMMARY}
-            files.save_picture("tornado.png", plot_tornado(bars, label=_write_label(answer)))
+            files.save_picture(
+                "tornado.png", plot_tornado(bars, label=write_label(answer.replace("-", "_")))
+            )
         files.write_csv("sensitivity.csv", columns, block=block_options.text)
         files.write_csv("probabilities.csv", outcomes.table(), block=block_options.text)
         files.save_picture("probabilities.png", outcomes.plot())
@@ -215,8 +219,3 @@ def _make_ranges(at: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     # Beyond 1 an impact would give energy to the block.
     low, high = ranges["restitution"]
     return ranges | {"restitution": (low, min(high, 1.0))}
-
-
-def _write_label(answer: str) -> str:
-    """Write an answer with its unit, for an axis."""
-    return f"{answer.replace('-', ' ')} [{UNITS.get(answer.replace('-', '_'), '-')}]"

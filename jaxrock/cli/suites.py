@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Literal
 
 from .. import risk
-from ..reports import list_remarks, write_inventory_page
 from ..sensitivity import Uncertain
 from ..validation import POSITIVE, check
 from .answers import Answer, list_rows
@@ -19,9 +18,6 @@ from .options import (
     refuse,
 )
 
-# Relative distance of the levels at which outcomes are simulated: enough for a ranking.
-_SPACING = 0.04
-_EXAMPLE_PERIOD = 2475.0  # years, 2 % in 50 years
 _EXAMPLE_HAZARD = "EXAMPLE hazard, of no real place"
 _NEXT_STEPS = """
 This was an example: its objects and its hazard are made up. For yours, replace the contents of
@@ -181,7 +177,7 @@ def inventory(
     if is_example:
         refuse("with example", hazard=suite_options.hazard)
         objects, hazard = risk.read_example_inventory()
-        target_return_period = target_return_period or _EXAMPLE_PERIOD
+        target_return_period = target_return_period or 2475.0  # 2 % in 50 years
     else:
         objects, hazard = risk.read_inventory(file), suite_options.read_hazard(measure)
     if hazard is None or target_return_period is None:
@@ -190,7 +186,8 @@ def inventory(
             " --target-return-period 475"
         )
     target = _read_target(target_return_period)
-    site = risk.Site(suite_options.read_suite(), hazard, measure, spacing=_SPACING)
+    # Levels 4 % apart are enough for a ranking.
+    site = risk.Site(suite_options.read_suite(), hazard, measure, spacing=0.04)
     examples = risk.EXAMPLE_FILES if is_example else ()
     with output.write("inventory", "inventory.html", *examples) as files:
         from ..plot import plot_inventory
@@ -203,9 +200,11 @@ def inventory(
         assessed = assessed.assign_attrs(hazard=name)
         table = risk.tabulate_inventory(assessed)
         files.write_dataset(assessed, plot_inventory(assessed), table=table)
-        page = write_inventory_page(assessed, [(files.folder / "inventory.png").read_bytes()])
+        page = risk.write_inventory_page(
+            assessed, [(files.folder / "inventory.png").read_bytes()]
+        )
         (files.folder / "inventory.html").write_text(page, encoding="utf-8")
-    lines = [risk.describe_inventory(assessed), *list_remarks(assessed)]
+    lines = [risk.describe_inventory(assessed), *risk.list_remarks(assessed)]
     if is_example:
         paths = dict(zip(("objects", "hazard"), files.paths[-2:], strict=True))
         lines.append(_NEXT_STEPS.format(**paths))

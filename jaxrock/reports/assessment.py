@@ -9,8 +9,8 @@ import jax.numpy as jnp
 
 from .. import resonance
 from ..accuracy import choose
-from ..block import SIZES_IN_WORDS, Block, size_of
-from ..host import Printed
+from ..block import Block, size_of
+from ..host import Printed, format_table
 from ..impact import (
     count_half_cycles,
     describe_scene,
@@ -25,34 +25,6 @@ _DURATIONS = (0.2, 0.5, 1.0)  # s, of steady pushes
 _MODELS = {"linearized": Linearized(), "nonlinear": Nonlinear()}
 # Parts of the answers that depend on the model.
 _COMPARED = ("critical_velocity", "single_pulse", "stabilized", "critical_intensity")
-# Labels of the details, and the paths of their numbers in the answers of a model.
-_DETAILS = {
-    "under one pulse": {
-        "critical velocity [rad/s]": "critical_velocity",
-        "peak rotation [rad]": "single_pulse.peak_rotation",
-        "peak / alpha_c [-]": "single_pulse.rotation_ratio",
-        "half-cycle [s]": "single_pulse.half_cycle_duration",
-    },
-    "unlimited pulses, each right after an impact": {
-        "overturning margin [-]": "overturning_margin",
-        "overturns in half-cycle [-]": "overturning_half_cycle",
-        "peak rotation [rad]": "stabilized.peak_rotation",
-        "rotation ratio [-]": "stabilized.rotation_ratio",
-        "period T* [s]": "stabilized.period",
-        "amplification zeta [-]": "stabilized.amplification",
-    },
-    "pulses that just overturn it, in half-cycles": {
-        f"{count} [m/s]": f"critical_intensity.{count}" for count in _HALF_CYCLES
-    },
-}
-_SHAPE = {
-    "slenderness": "slenderness at this width",
-    "half_width": SIZES_IN_WORDS["half_width"],
-}
-_SIDES = {
-    f"{name}_at_this_{other}": SIZES_IN_WORDS[name]
-    for name, other in (("width", "height"), ("height", "width"))
-}
 
 
 class Assessment(Printed, dict[str, Any]):
@@ -69,90 +41,62 @@ class Assessment(Printed, dict[str, Any]):
 
     def __str__(self) -> str:
         scene, answers = self["scene"], self["models"]["nonlinear"]
+        assumed = scene.get("restitution_assumed", False)
+        title = describe_scene(self.block, None if assumed else scene["restitution"])
+        # Housner's rectangular pulse, doi:10.1785/BSSA0530020403, of a slender block.
+        growths = {t: -math.expm1(-scene["frequency_parameter"] * t) for t in _DURATIONS}
+        pushes = {
+            t: scene["gravity"] * scene["critical_angle"] / x for t, x in growths.items()
+        }
         critical = answers["critical_intensity"]
-        gravity = scene["gravity"]
-        lifts = gravity / scene["slenderness"]
         lines = [
-            self._title,
-            f"lifts from {lifts:.3g} m/s2 ({lifts / 9.81:.3g} g) of the ground on",
+            title,
+            f"lifts from {_write_acceleration(scene['gravity'] / scene['slenderness'])} on",
+            *(
+                f"overturns under {_write_acceleration(a)} held for {t:g} s"
+                for t, a in pushes.items()
+            ),
+            f"overturns under one pulse of {critical['1']:.3g} m/s",
+            f"overturns under pulses of {critical['unlimited']:.3g} m/s, one after each impact",
         ]
-        for duration in _DURATIONS:
-            # Housner's rectangular pulse, doi:10.1785/BSSA0530020403, of a slender block.
-            growth = -math.expm1(-scene["frequency_parameter"] * duration)
-            push = gravity * scene["critical_angle"] / growth
-            lines.append(
-                f"overturns under {push:.3g} m/s2 ({push / 9.81:.3g} g) held for {duration:g} s"
-            )
-        lines.append(f"overturns under one pulse of {critical['1']:.3g} m/s")
-        lines.append(
-            f"overturns under pulses of {critical['unlimited']:.3g} m/s without end, each right"
-            " after an impact"
-        )
         if "single_pulse" in answers:
-            peak = 100 * answers["single_pulse"]["rotation_ratio"]
-            known = (
-                "overturns it" if math.isnan(peak) else f"{peak:.3g} % of the critical angle"
-            )
-            lines.append(f"one pulse of {scene['intensity']:.3g} m/s: {known}")
-            lines.append(f"such pulses without end: {self._verdict}")
+            peaks = [
+                answers[name]["rotation_ratio"] for name in ("single_pulse", "stabilized")
+            ]
+            first, last = (f"{100 * x:.3g} % of the critical angle" for x in peaks)
+            half_cycle = answers["overturning_half_cycle"]
+            outcome = f"it stands, and settles at {last}"
+            if math.isfinite(half_cycle):
+                outcome = f"it overturns in half-cycle {half_cycle:.0f}"
+            pulses = f"pulses of {scene['intensity']:.3g} m/s, one after each impact"
+            lines.append(f"{pulses}: {first} after the first; {outcome}")
         if "choice" in self:
-            lines.append(f"To {self['choice']['tolerance']:g}: {self['choice']['reason']}")
+            lines.append(f"to {self['choice']['tolerance']:g}: {self['choice']['reason']}")
         return "\n".join(lines)
 
-    @property
-    def _title(self) -> str:
-        """The block and its restitution in words."""
-        assumed = self["scene"].get("restitution_assumed", False)
-        return describe_scene(self.block, None if assumed else self["scene"]["restitution"])
-
-    @property
-    def _verdict(self) -> str:
-        """The outcome under unlimited pulses."""
-        answers = self["models"]["nonlinear"]
-        half_cycle = answers["overturning_half_cycle"]
-        if math.isinf(half_cycle):
-            ratio = 100 * answers["stabilized"]["rotation_ratio"]
-            return f"it stands, and settles at {ratio:.3g} % of the critical angle"
-        return f"it overturns in half-cycle {half_cycle:.0f}"
-
-    def details(self, by_sides: bool = False) -> str:
-        """Write all answers, of both models side by side.
-
-        Parameters
-        ----------
-        by_sides : bool
-            Whether sensitivities are with respect to width and height, each while the other
-            stays, instead of half-width and slenderness.
+    def details(self) -> str:
+        """Write all numbers, of both models side by side.
 
         Returns
         -------
         str
         """
-        names = {"restitution": "restitution C", **(_SIDES if by_sides else _SHAPE)}
-        names["intensity"] = "intensity I"
-        slopes = {
-            f"{kind} of the rotation ratio with respect to": {
-                label: f"{kind}.{name}" for name, label in names.items()
-            }
-            for kind in ("derivatives", "elasticities")
-        }
         models = [_flatten(model) for model in self["models"].values()]
         errors = _flatten(self["linearization_error"])
-        lines = [str(self), ""]
-        lines += [f"  {n.replace('_', ' '):36}{v:>14.6g}" for n, v in self["scene"].items()]
-        lines += ["", f"{'':38}{'linearized':>14}{'nonlinear':>14}{'error':>10}"]
-        for heading, rows in (_DETAILS | slopes).items():
-            written = []
-            for label, path in rows.items():
-                numbers = [model.get(path, math.nan) for model in models]
-                if all(map(math.isnan, numbers)):
-                    continue
-                error = errors.get(path, math.nan)
-                shown = "".join(f"{number:>14.6g}" for number in numbers)
-                percent = f"{100 * error:+9.2f} %" if math.isfinite(error) else ""
-                written.append(f"  {label:36}{shown}{percent}")
-            lines += [heading, *written] if written else []
-        return "\n".join(lines)
+        columns: dict[str, list[str]] = {"linearized": [], "nonlinear": [], "error": []}
+        names = []
+        for name in models[0]:
+            numbers = [model[name] for model in models]
+            if not all(map(math.isnan, numbers)):
+                names.append(name)
+                error = errors.get(name, math.nan)
+                percent = f"{100 * error:+.2f} %" if math.isfinite(error) else ""
+                cells = (*(f"{number:.6g}" for number in numbers), percent)
+                for column, cell in zip(columns.values(), cells, strict=True):
+                    column.append(cell)
+        described = _flatten(self["scene"])
+        scene = format_table("\nthe scene, in SI", list(described), value=described.values())
+        return f"{self}\n{scene}\n{format_table('', names, **columns)}"
 
 
 def assess_block(block: Block, restitution: Number) -> Assessment:
@@ -236,10 +180,6 @@ def _assess(scene: Scene, with_pulses: bool) -> Assessment:
     if shape:
         raise ValueError(f"scene must be single to be assessed, got an array of {shape}")
     answers = jax.tree.map(float, jax.device_get(_compute(scene, with_pulses)))
-    for model in answers["models"].values():
-        # JAX has sorted the labels as text: "10" stood before "2".
-        by_label = model["critical_intensity"]
-        model["critical_intensity"] = {label: by_label[label] for label in _HALF_CYCLES}
     simple, full = (
         {key: model[key] for key in _COMPARED if key in model}
         for model in answers["models"].values()
@@ -333,6 +273,13 @@ def _compute_answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
 
 
 def _flatten(nested: dict[str, Any]) -> dict[str, float]:
-    """List the numbers of nested answers by their paths, such as ``stabilized.period``."""
+    """List the numbers of nested answers by their paths, such as ``stabilized: period``."""
     leaves = jax.tree.leaves_with_path(nested)
-    return {jax.tree_util.keystr(at, simple=True, separator="."): leaf for at, leaf in leaves}
+    paths = (jax.tree_util.keystr(path, simple=True, separator=": ") for path, _ in leaves)
+    values = (leaf for _, leaf in leaves)
+    return {p.replace("_", " "): v for p, v in zip(paths, values, strict=True)}
+
+
+def _write_acceleration(value: float) -> str:
+    """Write an acceleration, also in g."""
+    return f"{value:.3g} m/s2 ({value / 9.81:.3g} g)"

@@ -63,7 +63,7 @@ QUANTITIES = {
     "record": Quantity("index of the record", domain=NON_NEGATIVE),
     "sample": Quantity("index of the sample of uncertain parameters", domain=NON_NEGATIVE),
     # Answers.
-    "rotation": Quantity("peak rotation", r"\alpha^*_{max}", "rad"),
+    "stabilized_rotation": Quantity("peak rotation", r"\alpha^*_{max}", "rad"),
     "peak_rotation": Quantity("peak rotation", r"\alpha^*_{max}", "rad"),
     "rotation_ratio": Quantity("rotation ratio", r"\alpha^*_{max}/\alpha_c"),
     "stabilized_period": Quantity("stabilized period", "T^*", "s"),

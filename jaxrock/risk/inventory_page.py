@@ -14,16 +14,9 @@ from string import Template
 from typing import TYPE_CHECKING
 
 from ..ground_motion import MEASURES
-from ..risk import (
-    MISSES,
-    NOT_KNOWN,
-    describe_end,
-    describe_place,
-    describe_years,
-    name_records,
-    read_example_inventory,
-    write_years,
-)
+from .hazard import describe_end, write_years
+from .inventory_dataset import MISSES, NOT_KNOWN, describe_place, describe_years, name_records
+from .inventory_files import read_example_inventory
 
 if TYPE_CHECKING:
     import xarray
