@@ -221,7 +221,7 @@ def describe_assumed_restitution(block: Block) -> str:
     return f"C = {assume_restitution(block):.3f} ({theory}, assumed)"
 
 
-def describe_scene(block: Block, restitution: Number | None = None) -> str:
+def describe_scene(block: Block, restitution: float | Reals | None = None) -> str:
     """Describe one block and its restitution in words, as all texts and titles do.
 
     Parameters

@@ -1,6 +1,6 @@
 """The answer of a test of free rocking: numbers, their errors, and remarks on them."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -128,7 +128,7 @@ class FreeRockingFit(Shown, eqx.Module):
             sentences.append("these measurements do not determine p: give the block")
         return tuple(sentences)
 
-    def table(self) -> dict[str, list[object]]:
+    def table(self) -> dict[str, list[Any]]:
         """List a row for each time, with NaN where a column has no value.
 
         Returns

@@ -135,7 +135,7 @@ class MotionOptions(RecordOptions):
             refuse("with --record example", **stated)
             record = ground_motion.example_record(column, vertical=vertical)
         else:
-            record = ground_motion.read_record(self.record, **stated)
+            record = ground_motion.read_record(str(self.record), **stated)
         return self.put_on_floor(Suite([record])).records[0]
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -213,7 +214,8 @@ def _find_boundaries(
         refuse("where it is sought", **{replaced: getattr(options, replaced)}, scale=scale)
         # A pulse needs a value of the quantity sought, which the search replaces: 1 stands in.
         options = replace(options, **{replaced: 1.0})
-    motion, known = options.read(), {"model": model}
+    motion = options.read()
+    known: Any = {"model": model}
     # The motion has 1 m/s2 where the amplitude is sought: this factor is the amplitude then.
     uplift = float(overturning.uplift_factor(block, motion, **known))
     if values is not None or strength != along:
@@ -224,11 +226,13 @@ def _find_boundaries(
         limits = (uplift, 50 * uplift)
         found = overturning.critical_factor(block, c, motion, (1.0, 50.0), **known)
     else:
-        pulse = (PULSES[str(options.pulse)], options.pulse_duration)
+        shape, duration = PULSES[str(options.pulse)], options.pulse_duration or math.nan
         # High amplitudes, of short pulses, if there is no boundary among the lower ones.
         for low, high in ((1.0, 10.0), (10.0, 100.0)):
             limits = (uplift, high * uplift)
-            found = overturning.critical_amplitude(block, c, *pulse, (low, high), **known)
+            found = overturning.critical_amplitude(
+                block, c, shape, duration, (low, high), **known
+            )
             if found.count:
                 break
     # A boundary may be hidden among values that were given up: a table with gaps would mislead.

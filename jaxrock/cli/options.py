@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import Group, Parameter
@@ -128,7 +128,7 @@ class BlockOptions:
                 " --width 0.8 --height 4"
             )
         check("width", self.width, POSITIVE)
-        slenderness = self.slenderness
+        slenderness: Any = self.slenderness
         if self.height is not None:
             check("height", self.height, POSITIVE)
             slenderness = self.height / self.width

@@ -1,6 +1,7 @@
 """Boundaries between standing and overturning in driven motion, along any quantity."""
 
 import math
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -101,7 +102,7 @@ class Boundaries(Printed, eqx.Module):
             lines[_MAX_LINES - 2 : -1] = [left_out]
         return "\n".join(lines)
 
-    def table(self) -> dict[str, list[object]]:
+    def table(self) -> dict[str, list[Any]]:
         """List the boundaries of one block as columns.
 
         Returns

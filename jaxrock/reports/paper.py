@@ -122,7 +122,9 @@ def compute(number: dict[str, Any]) -> np.ndarray:
     which it goes with slenderness.
     """
     grid = _GRID | {"restitution": 0.6, "half_cycle": 1.0} | number.get("at", {})
-    arguments = dict(zip(grid, np.meshgrid(*grid.values(), indexing="ij"), strict=True))
+    arguments: dict[str, Any] = dict(
+        zip(grid, np.meshgrid(*grid.values(), indexing="ij"), strict=True)
+    )
     block = Block(arguments["width"] / 2, arguments["slenderness"])
     scene = Scene(block, arguments["restitution"], arguments["intensity"])
     velocity = resonance.half_cycle_velocity(scene, arguments["half_cycle"])
@@ -174,14 +176,14 @@ def write(report: Report, folder: Path) -> None:
         lines += ["", f"[{numeral}]({name})"]
     spectrum = resonance_spectrum(**_GRID, restitution=np.arange(50, 85, 5) / 100)
     for name, figure in PRINTED["figures"].items():
-        _, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
+        drawing, ax = plt.subplots(figsize=(5.5, 4), layout="constrained")
         if "at" in figure:
             plot_curves(spectrum[figure["variable"]].sel(figure["at"]), figure["hue"], ax=ax)
         else:
             plot_resonance(Scene(Block(0.4, 3.0), 0.7, _GRID["intensity"]), ax=ax)
         ax.set_title(figure["title"])
-        ax.figure.savefig(folder / name, dpi=150)
+        drawing.savefig(folder / name, dpi=150)
         # pyplot keeps every figure until it is closed.
-        plt.close(ax.figure)
+        plt.close(drawing)
         lines += ["", f"![{figure['title']}]({name})"]
     (folder / "report.md").write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -4,11 +4,12 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from ..block import Block
 from ..host import Printed, format_table
 from ..impact import describe_scene
-from ..validation import NON_NEGATIVE, Number, check
+from ..validation import NON_NEGATIVE, Reals, check
 from .inverse_design import (
     critical_intensity,
     critical_restitution,
@@ -30,11 +31,11 @@ class CriticalValues(Printed):
     """
 
     block: Block
-    restitution: Number
+    restitution: float | Reals
     intensity: float
-    columns: dict[str, list[object]]
+    columns: dict[str, list[Any]]
 
-    def table(self) -> dict[str, list[object]]:
+    def table(self) -> dict[str, list[Any]]:
         """List the columns of the table by name.
 
         Returns
@@ -73,7 +74,7 @@ class CriticalValues(Printed):
 
 def critical_values(
     block: Block,
-    restitution: Number,
+    restitution: float | Reals,
     intensity: float = 0.15,
     half_cycles: Sequence[float] = (1.0, 2.0, 5.0, math.inf),
 ) -> CriticalValues:
@@ -121,7 +122,7 @@ def critical_values(
         "critical_restitution": lambda *case: critical_restitution(block, intensity, *case),
     }
     counts, models = zip(*cases, strict=True)
-    columns: dict[str, list[object]] = {"half_cycles": [*counts], "model": [*models]}
+    columns: dict[str, list[Any]] = {"half_cycles": [*counts], "model": [*models]}
     for name, function in functions.items():
         columns[name] = [float(function(*case)) for case in cases]
     width = float(block.width)

@@ -1,7 +1,7 @@
 """The dataset of an assessed inventory, and sentences about one object of it."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -157,9 +157,9 @@ def describe_place(answer: "xarray.Dataset") -> str:
     return ", ".join(wall + floor)
 
 
-def tabulate_inventory(assessed: "xarray.Dataset") -> dict[str, list[object]]:
+def tabulate_inventory(assessed: "xarray.Dataset") -> dict[str, list[Any]]:
     """List the columns of an assessed inventory, with a column for each level and parameter."""
-    columns: dict[str, list[object]] = {
+    columns: dict[str, list[Any]] = {
         "rank": assessed["rank"].values.tolist(),
         "name": assessed.object.values.tolist(),
     }
@@ -179,7 +179,7 @@ def describe_inventory(assessed: "xarray.Dataset") -> str:
     """Write the ranked table of an assessed inventory, and which restitutions are assumed."""
     unit = MEASURES[assessed.attrs["measure"]][1]
     objects = [assessed.isel(object=k) for k in range(assessed.object.size)]
-    columns: dict[str, object] = {
+    columns: dict[str, Any] = {
         "width [m]": assessed.width.values,
         "height [m]": assessed.height.values,
         "restitution": [

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -86,7 +86,7 @@ class LocalDependence(Printed):
     left_out: float
     reason: str
 
-    def table(self) -> dict[str, list[object]]:
+    def table(self) -> dict[str, list[Any]]:
         """List medians, derivatives and elasticities, a row for each parameter.
 
         Returns

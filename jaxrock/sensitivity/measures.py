@@ -35,7 +35,7 @@ class Sensitivities(Printed):
     hessian: np.ndarray
     sides: tuple[str, ...] = ()
 
-    def table(self) -> dict[str, list[object]]:
+    def table(self) -> dict[str, list[Any]]:
         """List values, derivatives and elasticities, a row for each parameter.
 
         Returns
@@ -135,7 +135,7 @@ class TornadoBars(Shown):
 
     picture: ClassVar[str] = "plot_tornado"
 
-    def table(self, names: Sequence[str] = ()) -> dict[str, list[object]]:
+    def table(self, names: Sequence[str] = ()) -> dict[str, list[Any]]:
         """List ranges and answers, a row for each parameter.
 
         Parameters

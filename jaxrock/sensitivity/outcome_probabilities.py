@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
@@ -108,7 +108,7 @@ class OutcomeProbabilities(Shown):
 
     picture: ClassVar[str] = "plot_outcome_probabilities"
 
-    def table(self) -> dict[str, list[object]]:
+    def table(self) -> dict[str, list[Any]]:
         """List the outcomes with their probabilities.
 
         Returns
@@ -120,7 +120,7 @@ class OutcomeProbabilities(Shown):
         }
         return {"outcome": list(self.outcomes), **columns}
 
-    def table_of_sources(self) -> dict[str, list[object]]:
+    def table_of_sources(self) -> dict[str, list[Any]]:
         """List Sobol indices and derivatives of probabilities, a row for each source.
 
         Returns
@@ -129,7 +129,7 @@ class OutcomeProbabilities(Shown):
             NaN where an answer is constant, and for derivatives that noise hides.
         """
         units = [UNITS.get(name, "-") for name in self.sources]
-        columns: dict[str, list[object]] = {"quantity": list(self.sources), "unit": units}
+        columns: dict[str, list[Any]] = {"quantity": list(self.sources), "unit": units}
         for k, answer in enumerate(self.answers):
             for kind in ("first", "first_error", "total", "total_error"):
                 order, _, error = kind.partition("_")

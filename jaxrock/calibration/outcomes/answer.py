@@ -1,6 +1,7 @@
 """The answer of a fit to outcomes: a population, and how much the tests say of it."""
 
 import functools
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -198,7 +199,7 @@ class OutcomeFit(Printed, eqx.Module):
             )
         return tuple(sentences)
 
-    def table(self) -> dict[str, list[object]]:
+    def table(self) -> dict[str, list[Any]]:
         """List the parameters of the population, a row each, with their 90 % intervals.
 
         Returns

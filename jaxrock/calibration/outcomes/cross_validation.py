@@ -1,7 +1,7 @@
 """Scores of predicted outcomes on tests that were not fitted."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -290,7 +290,7 @@ def _score_peaks(
     return variables
 
 
-def tabulate_scores(scores: "xarray.Dataset") -> dict[str, list[object]]:
+def tabulate_scores(scores: "xarray.Dataset") -> dict[str, list[Any]]:
     """List mean and standard deviation of each score over the splits, a row a predictor.
 
     Parameters
@@ -311,7 +311,7 @@ def tabulate_scores(scores: "xarray.Dataset") -> dict[str, list[object]]:
     return columns
 
 
-def tabulate_tests(scores: "xarray.Dataset") -> dict[str, list[object]]:
+def tabulate_tests(scores: "xarray.Dataset") -> dict[str, list[Any]]:
     """List the tests with their motions, outcomes and predictions, a row each.
 
     Parameters
