@@ -207,7 +207,7 @@ def test_rotation_over_time():
     # A motion that overturns is drawn until it does, not for all four seconds.
     falls = respond(5.5, 0.9)
     ax = plot.plot_response(falls)
-    assert "overturning" in list_legend(ax.child_axes[0])
+    assert "overturning" in list_legend(ax)
     when = float(falls.overturning_time)
     assert abs(np.interp(when, *ax.get_lines()[0].get_data())) == pytest.approx(1, abs=0.01)
     assert when < ax.get_xlim()[1] < 1.5 * when
