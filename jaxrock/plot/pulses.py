@@ -94,8 +94,9 @@ def plot_resonance(
     ax.axhline(level, label=name, **look)
     ax.legend(loc="lower left", fontsize="small")
 
-    limit = 1.1 * max(level, np.nanmax(abs(ratio)))
-    above = add_strip_above(ax, -limit, limit)
+    peak = np.nanmax(abs(ratio))
+    # With room for the legend at the foot.
+    above = add_strip_above(ax, -1.4 * peak, 1.1 * max(level, peak))
     pulses = float(scene.intensity) * sides.ravel()
     arrows = {"color": ACCENT, "angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.004}
     above.quiver(starts.ravel(), 0 * pulses, 0 * pulses, pulses, **arrows)
