@@ -2,14 +2,7 @@
 
 from typing import NamedTuple
 
-from ..validation import (
-    AT_LEAST_ONE,
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    UNIT_INTERVAL,
-    Domain,
-)
+from ..validation import AT_LEAST_ONE, FINITE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain
 from .writing import print_unit
 
 
@@ -63,7 +56,6 @@ QUANTITIES = {
     "amplification": Quantity("amplification", r"\zeta"),
     "margin": Quantity("overturning margin"),
     "overturning_margin": Quantity("overturning margin"),
-    "overturning_half_cycle": Quantity("half-cycle that overturns"),
     "critical_intensity": Quantity("critical intensity", "", "m s-1"),
     "critical_slenderness": Quantity("critical slenderness"),
     "critical_restitution": Quantity("critical restitution"),
