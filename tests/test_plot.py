@@ -257,7 +257,7 @@ def test_boundaries():
     np.testing.assert_allclose(stands, [[2, 4], [8, 8.4]])
     np.testing.assert_allclose(overturns, [[4, 8], [8.4, 20]])
     assert ax.get_xlim()[0] < 0.2 < 20 < ax.get_xlim()[1]
-    assert ax.get_xlabel() == "width at this height $2b$ [m]"
+    assert ax.get_xlabel() == "width at this height, $2b$ [m]"
 
 
 @pytest.mark.float64

@@ -80,6 +80,6 @@ def write_label(name: str, words: str = "", unit: str | None = None) -> str:
     `words` and `unit` replace those of the table. An unknown name becomes words itself.
     """
     known = QUANTITIES.get(name, Quantity(name.replace("_", " "), unit=""))
-    symbol = f" ${known.symbol}$" if known.symbol else ""
+    symbol = f"{',' * bool(words)} ${known.symbol}$" if known.symbol else ""
     printed = print_unit(known.unit if unit is None else unit).replace("/s2", "/s²")
     return f"{words or known.words}{symbol}" + f" [{printed}]" * bool(printed)
