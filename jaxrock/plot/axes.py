@@ -9,7 +9,7 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from ..tables import QUANTITIES, write_label
 from ..validation import check_kind
@@ -65,9 +65,15 @@ def label_axes(ax: Axes, x: str, y: str, grid: Literal["both", "x", "y"] = "both
     return ax
 
 
-def add_strip_above(ax: Axes) -> Axes:
-    """Add axes above `ax`, which share its horizontal axis."""
-    above = ax.inset_axes((0, 1.03, 1, 0.36), sharex=ax)
+def add_strip_above(ax: Axes, low: float, high: float) -> Axes:
+    """Add axes over the top of `ax`, which shows `low` to `high` below them."""
+    # The limits of `ax` leave room for the strip, and the ticks end where it begins.
+    height = 0.28  # as a fraction of `ax`
+    ax.set_ylim(low, low + (high - low) / (1 - height))
+    ticks = MaxNLocator(7, steps=[1, 2, 5, 10]).tick_values(low, high)
+    ax.set_yticks([tick for tick in ticks if low < tick < high])
+    ax.yaxis.label.set_y((1 - height) / 2)
+    above = ax.inset_axes((0, 1 - height, 1, height), sharex=ax)
     above.axhline(0, color=LINE, linewidth=0.6)
     above.tick_params(labelbottom=False)
     return above

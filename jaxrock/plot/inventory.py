@@ -61,7 +61,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             ax.hlines(rows[which], *sides, color=colour, linewidth=1.5)
             look = {"color": colour, "markersize": 7, "label": name, "clip_on": False}
             ax.plot(rate[which].clip(low), rows[which], mark, **look)
-    if "rate_at_low_restitution" in shown:
+    if "rate_at_low_restitution" in shown and shown.restitution_assumed.any():
         look = {"color": INK, "markerfacecolor": "w", "markersize": 5, "clip_on": False}
         name = "with the low end of an assumed restitution"
         at_low = shown.rate_at_low_restitution.values.clip(low)

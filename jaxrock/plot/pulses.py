@@ -90,10 +90,13 @@ def plot_resonance(
     # Where the block overturns there is no stabilized peak.
     name = "critical angle" if np.isnan(stabilized) else "stabilized peak"
     look = {"color": NEUTRAL, "linestyle": "--", "linewidth": 0.8}
-    ax.axhline(1.0 if np.isnan(stabilized) else stabilized, label=name, **look)
+    level = 1.0 if np.isnan(stabilized) else stabilized
+    ax.axhline(level, label=name, **look)
     ax.legend(loc="lower left", fontsize="small")
 
-    above = add_strip_above(ax)
+    peak = np.nanmax(abs(ratio))
+    # With room for the legend at the foot.
+    above = add_strip_above(ax, -1.4 * peak, 1.1 * max(level, peak))
     pulses = float(scene.intensity) * sides.ravel()
     arrows = {"color": ACCENT, "angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.004}
     above.quiver(starts.ravel(), 0 * pulses, 0 * pulses, pulses, **arrows)

@@ -53,10 +53,10 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     # A block that never moves has a ratio of 0, which makes no limits.
     limit = min(_LIMIT, 1.2 * float(np.abs(ratio).max()) or _LIMIT)
     bottom = -_ROOM_AT_WALL * limit if block.one_sided else -limit
-    ax.set(xlim=(first, last), ylim=(bottom, limit))
+    ax.set_xlim(first, last)
     speeds = np.abs(np.asarray(response.impact_velocities))
     # Without an impact the largest velocity is 0, by which nothing can be divided.
-    heights = 0.12 * speeds / max(speeds.max(initial=0), 1e-300)
+    heights = 0.1 * speeds / max(speeds.max(initial=0), 1e-300)
     foot = {"transform": ax.get_xaxis_transform(), "color": ACCENT, "linewidth": 0.8}
     ax.vlines(response.impact_times, 0, heights, label="impacts (height: velocity)", **foot)
     name = "critical angle" if limit > 1 else None
@@ -65,7 +65,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
         time = float(response.overturning_time)
         ax.axvline(time, color=LINE, linestyle=":", label="overturning")
 
-    above = add_strip_above(ax)
+    above = add_strip_above(ax, bottom, limit)
     # A vertical component makes the block lighter or heavier, and so easier to lift or harder.
     weight = 1 + np.asarray(motion.upward(times)) / float(block.gravity)
     lifting = float(uplift_acceleration(block, response.model)) * weight
@@ -75,7 +75,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     above.plot(times, np.transpose(levels), **look)
     # The legend is one: it gets an entry for the levels from a line without points.
     ax.plot([], label="lifts the block", **look)
-    above.legend(*ax.get_legend_handles_labels(), **ABOVE, ncols=4)
+    ax.legend(**ABOVE, ncols=4)
     # The ground, or a floor: a record does not know.
     label_axes(above, "", "base [m/s²]")
     return label_axes(ax, "time [s]", RATIO)

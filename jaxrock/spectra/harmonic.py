@@ -223,17 +223,12 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
             )
     uplift = float(uplift_acceleration(block, as_model(spectrum.attrs["model"])))
     hertz = float(block.frequency_parameter) / (2 * np.pi)
-    described = {
-        name: (spectrum[ratio].dims, spectrum[ratio].values * unit, describe_axis(name))
-        for name, ratio, unit in (
-            ("frequency", "frequency_ratio", hertz),
-            ("amplitude", "amplitude_ratio", uplift),
-        )
-    }
-    described["frequency"][2]["units"] = "Hz"  # as an argument it has rad/s
     numbers = {name: float(getattr(block, name)) for name in ("width", "height", "gravity")}
-    sized = spectrum.assign_coords(described).assign_attrs(**numbers, uplift_amplitude=uplift)
-    for name in described:
+    sized = spectrum.assign_coords(
+        frequency=spectrum.frequency_ratio * hertz, amplitude=spectrum.amplitude_ratio * uplift
+    ).assign_attrs(**numbers, uplift_amplitude=uplift)
+    for name, units in (("frequency", "Hz"), ("amplitude", "m s-2")):
+        sized[name].attrs = describe_axis(name) | {"units": units}
         # The CF conventions allow none for coordinates, of which no value is missing.
         sized[name].encoding["_FillValue"] = None
     return sized

@@ -3,14 +3,7 @@
 import re
 from typing import NamedTuple
 
-from ..validation import (
-    AT_LEAST_ONE,
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE,
-    UNIT_INTERVAL,
-    Domain,
-)
+from ..validation import AT_LEAST_ONE, FINITE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain
 
 
 def print_unit(unit: str) -> str:
@@ -70,7 +63,6 @@ QUANTITIES = {
     "amplification": Quantity("amplification", r"\zeta"),
     "margin": Quantity("overturning margin"),
     "overturning_margin": Quantity("overturning margin"),
-    "overturning_half_cycle": Quantity("half-cycle that overturns"),
     "critical_intensity": Quantity("critical intensity", "", "m s-1"),
     "critical_slenderness": Quantity("critical slenderness"),
     "critical_restitution": Quantity("critical restitution"),
@@ -95,6 +87,6 @@ def write_label(name: str, words: str = "", unit: str | None = None) -> str:
     `words` and `unit` replace those of the table. An unknown name becomes words itself.
     """
     known = QUANTITIES.get(name, Quantity(name.replace("_", " "), unit=""))
-    symbol = f" ${known.symbol}$" if known.symbol else ""
+    symbol = f"{',' * bool(words)} ${known.symbol}$" if known.symbol else ""
     printed = print_unit(known.unit if unit is None else unit).replace("/s2", "/s²")
     return f"{words or known.words}{symbol}" + f" [{printed}]" * bool(printed)
