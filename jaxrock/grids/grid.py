@@ -190,11 +190,12 @@ class Grid:
             bare = make_dataset(self.title, {}, coordinates, self.attributes)
             with defer_interrupts():
                 bare.reset_coords().to_netcdf(scratch / path.name)
-            with netCDF4.Dataset(scratch / path.name, "a") as file:
+                file = netCDF4.Dataset(scratch / path.name, "a")
                 for name, (dims, dtype, described) in self.variables.items():
                     missing = math.nan if np.dtype(dtype).kind == "f" else None
                     target = file.createVariable(name, dtype, dims, fill_value=missing)
                     target.setncatts({**described, **named})
+            with file:
                 self.fill({name: file[name] for name in self.variables})
         with defer_interrupts():
             return xarray.open_dataset(path)

@@ -112,7 +112,8 @@ def write_whole(
                 for name in names:
                     os.replace(scratch / name, folder / name)
         finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+            with defer_interrupts():
+                shutil.rmtree(scratch, ignore_errors=True)
             _scratch_folders.discard(scratch)
     except (OSError, CannotWrite, RuntimeError) as error:  # CannotWrite: of the scratch folder
         if isinstance(error, RuntimeError) and not str(error).startswith("NetCDF:"):
