@@ -1,5 +1,7 @@
 """Fragility curves."""
 
+from typing import Any
+
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
@@ -61,7 +63,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     for k, threshold in enumerate(dataset.threshold.values):
         curve = dataset.isel(threshold=k)
         # Hollow, so that equal probabilities of several thresholds are seen on one another.
-        look = {
+        look: dict[str, Any] = {
             "color": _COLOURS[k % len(_COLOURS)],
             "linestyle": CURVES[k % len(CURVES)]["linestyle"],
             "marker": _MARKERS[k % len(_MARKERS)],
@@ -75,11 +77,11 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
                 float(curve.lognormal_median), float(curve.lognormal_dispersion)
             )
             ax.plot(fine, fit.at(fine), **look | {"marker": ""})
-        name = _name_threshold(threshold)
         # One entry for mark and line, which the legend would else list one by one.
-        ax.plot([], [], label=name, **look)
+        ax.plot([], [], label=_name_threshold(threshold), **look)
     # Bands of several thresholds would hide each other.
     last = dataset.isel(threshold=-1)
+    name = _name_threshold(last.threshold.item())
     band = f"{about.get('confidence', 0.95):.0%} interval of {name}"
     look = {"color": NEUTRAL, "alpha": 0.2, "linewidth": 0, "label": band}
     ax.fill_between(levels, last.exceedance_low, last.exceedance_high, **look)

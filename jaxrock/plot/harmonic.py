@@ -1,5 +1,7 @@
 """Steady rocking on a harmonic floor, in the plane of its frequency and amplitude."""
 
+from typing import Any
+
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
@@ -73,7 +75,7 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax.set_yscale("log")  # before curves are labelled, which leaves gaps of the right length
     look = {"cmap": ListedColormap(list(_REGIONS)), "vmin": 0, "vmax": 3, "zorder": 0}
     ax.pcolormesh(_compute_edges(across), np.exp(_compute_edges(np.log(up))), region, **look)
-    handles = [
+    handles: list[Any] = [
         Patch(facecolor=colour, edgecolor="0.6", label=label)
         for number, (colour, label) in enumerate(_REGIONS.items())
         if (region == number).any()

@@ -1,5 +1,7 @@
 """Probabilities of outcomes, and Sobol indices of the parameters that they come from."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -39,7 +41,7 @@ def plot_outcome_probabilities(
     if records > 1:
         # Side by side in the width of the bar: many are 0 or 1.
         heights = rows + np.linspace(-0.2, 0.2, records)[:, None]
-        look = {"color": NEUTRAL, "marker": ".", "linestyle": ""}
+        look: dict[str, Any] = {"color": NEUTRAL, "marker": ".", "linestyle": ""}
         labels = ["under each record", *[None] * (rows.size - 1)]
         ax.plot(probabilities.by_record, heights, **look, label=labels)
     reach = [

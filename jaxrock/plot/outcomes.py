@@ -1,5 +1,7 @@
 """Predicted probabilities of overturning beside what happened in tests."""
 
+from typing import Any
+
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
@@ -54,7 +56,11 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
     look = {"color": INK, "elinewidth": 1, "capsize": 3, "label": label}
     ax.errorbar(bins.predicted, observed, reach, fmt="o", **look)
     for x, y, count in zip(bins.predicted.values, observed, bins.tests.values, strict=True):
-        look = {"textcoords": "offset points", "va": "center", "fontsize": "small"}
+        look: dict[str, Any] = {
+            "textcoords": "offset points",
+            "va": "center",
+            "fontsize": "small",
+        }
         # By weights it need not be whole.
         ax.annotate(f"{round(float(count), 1):g}", (x, y), (6, 0), bbox=_BACKDROP, **look)
     brier = scores.brier.sel(predictor="blocks").dropna("split")

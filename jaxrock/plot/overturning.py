@@ -75,7 +75,7 @@ def plot_boundaries(
     ax = get_axes(ax, figsize=(8.0, 2.2))
     values = np.asarray(boundaries.value)
     edges = np.concatenate([[ends[0]], values, [ends[1]]])
-    spans = np.column_stack([edges[:-1], np.diff(edges)])
+    spans: Any = np.column_stack([edges[:-1], np.diff(edges)])
     overturns = np.append(
         bool(boundaries.overturns_first), np.asarray(boundaries.overturns_beyond)
     )

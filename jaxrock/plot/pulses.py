@@ -1,5 +1,7 @@
 """Pulses: rotation under trains of them, boundaries of overturning by a single one."""
 
+from typing import Any
+
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
@@ -94,7 +96,7 @@ def plot_resonance(
     ax.axhline(level, label=name, **look)
     ax.legend(loc="lower left", fontsize="small")
 
-    peak = np.nanmax(abs(ratio))
+    peak = float(np.nanmax(abs(ratio)))
     # With room for the legend at the foot.
     above = add_strip_above(ax, -1.4 * peak, 1.1 * max(level, peak))
     pulses = float(scene.intensity) * sides.ravel()
@@ -147,8 +149,13 @@ def plot_overturning_map(boundaries: xarray.Dataset, ax: Axes | None = None) -> 
     levels[:, -1] = highest
     numbers = boundaries.overturns_first.values[:, None] + np.arange(levels.shape[1] - 1)
     heights = np.diff(levels)
-    overturns = {"color": "0.8", "label": "overturns"}
-    survives = {"color": "w", "edgecolor": "0.6", "hatch": "////", "label": "survives again"}
+    overturns: dict[str, Any] = {"color": "0.8", "label": "overturns"}
+    survives: dict[str, Any] = {
+        "color": "w",
+        "edgecolor": "0.6",
+        "hatch": "////",
+        "label": "survives again",
+    }
     for look, chosen in (
         (overturns, numbers % 2 == 1),
         (survives, (numbers % 2 == 0) & (numbers > 0)),

@@ -59,7 +59,7 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     heights = 0.1 * speeds / max(speeds.max(initial=0), 1e-300)
     foot = {"transform": ax.get_xaxis_transform(), "color": ACCENT, "linewidth": 0.8}
     ax.vlines(response.impact_times, 0, heights, label="impacts (height: velocity)", **foot)
-    name = "critical angle" if limit > 1 else None
+    name = "critical angle" if limit > 1 else ""
     ax.hlines([-1, 1], first, last, NEUTRAL, "--", linewidth=0.8, label=name)
     if bool(response.overturned):
         time = float(response.overturning_time)

@@ -1,6 +1,7 @@
 """Dependence of an answer on its parameters: tornado, maps of derivatives."""
 
 import textwrap
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -29,7 +30,7 @@ from .axes import (
 # Of so many colours that no stripes are seen.
 _COLOURS = matplotlib.colormaps["PuOr"].resampled(2**12)(np.linspace(0.15, 0.85, 1021))
 _MANY_TIMES = 4  # values that differ so much are coloured by their logarithms
-_HATCHED = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
+_HATCHED: dict[str, Any] = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 
 
 def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer") -> Axes:

@@ -106,7 +106,7 @@ def plot_curves(
     if any(line.get_marker() == "x" for line in ax.lines):
         # One entry in the legend for the crosses of all curves.
         ax.plot([], [], "x", color=LINE, label="overturns beyond")
-    fallen = int((~np.isfinite(variable)).all(along).sum())
+    fallen = int(variable.isnull().all(along).sum())
     if fallen:
         text = f"{fallen} of {levels.size} overturn throughout"
         # At the foot, where curves of ratios are rarely: they rise to the right.

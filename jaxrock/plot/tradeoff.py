@@ -1,6 +1,7 @@
 """Measured speed against accuracy."""
 
 import itertools
+from typing import Any
 
 import numpy as np
 import xarray
@@ -46,7 +47,11 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     for (level, text, bits), members in lines.items():
         line = rows.isel(setting=members)
         front = line.isel(setting=line.front.values == 1)
-        look = {"color": _COLOURS[level], "marker": markers[text], "markersize": 6}
+        look: dict[str, Any] = {
+            "color": _COLOURS[level],
+            "marker": markers[text],
+            "markersize": 6,
+        }
         style = {"linestyle": ":" if bits == 32 else "-", "fillstyle": "none"}
         name = f"{level}, {text}{', float32' * (bits == 32)}"
         ax.plot(line.seconds, line.error, linewidth=0.9, label=name, **look, **style)
