@@ -59,11 +59,10 @@ def make_application() -> App:
 
 def _write_default(value: object) -> str | None:
     """Write a default as it would be typed; None if there is none to be shown in help."""
-    if isinstance(value, tuple):
-        return " ".join(str(_write_default(item)) for item in value) or None
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return None if value is None or value is False else str(value)
+    items = [
+        x for x in (value if isinstance(value, tuple) else (value,)) if x not in (None, False)
+    ]
+    return " ".join(f"{x:.6g}" if isinstance(x, float) else str(x) for x in items) or None
 
 
 def run_command(words: Sequence[str]) -> int:
@@ -135,7 +134,6 @@ def _show_messages() -> Iterator[None]:
     handler = logging.Handler()
     handler.emit = lambda record: _complain(record.getMessage())
     logger = logging.getLogger("jaxrock")
-    level = logger.level
     show = functools.cache(lambda message: _complain(f"warning: {message}"))
     logger.addHandler(handler)
     logger.setLevel(logging.INFO)
@@ -146,4 +144,3 @@ def _show_messages() -> Iterator[None]:
             yield
     finally:
         logger.removeHandler(handler)
-        logger.setLevel(level)

@@ -9,11 +9,6 @@ from .answers import Answer, list_rows
 from .motion_options import FloorOptions
 from .options import BlockOptions, Count, FileOutput, ModelName, refuse
 
-_FILES = (
-    *("validation.nc", "tests.csv", "scores.csv", "population.csv"),
-    *("reliability.png", "outcomes.png"),
-)
-
 
 def fit(
     file: Path,
@@ -113,7 +108,9 @@ def validate(
         **{"samples": samples, "seed": seed, "model": model},
         prior=block_options.block_if_given,
     )
-    with output.write("validation", *_FILES, dataset=False) as files:
+    names = ("validation.nc", "tests.csv", "scores.csv", "population.csv")
+    pictures = ("reliability.png", "outcomes.png")
+    with output.write("validation", *names, *pictures, dataset=False) as files:
         from ..plot import plot_outcomes, plot_reliability
 
         fitted, scores = calibration.fit_and_score(campaign, splits)

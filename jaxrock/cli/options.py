@@ -151,5 +151,4 @@ class BlockOptions:
     @property
     def text(self) -> str:
         """The block and its restitution in words."""
-        assumed = self.restitution is None
-        return describe_scene(self.block, None if assumed else self.coefficient)
+        return describe_scene(self.block, self.restitution and self.coefficient)

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -123,12 +123,12 @@ def rocking_spectrum(
     given = {"free_period": free_period, "slenderness": slenderness}
     if restitution is not None or not one_sided:
         given["restitution"] = restitution or (0.9,)
-    axes = {name: read_axis(name, grid) for name, grid in given.items()}
-    body = {"inertia_ratio": inertia_ratio, "one_sided": one_sided}
+    axes: Any = {name: read_axis(name, grid) for name, grid in given.items()}
+    axes |= {"inertia_ratio": inertia_ratio, "one_sided": one_sided}
     with output.write("rocking_spectrum") as files:
         from ..plot import plot_rocking_spectrum
 
-        dataset = spectra.rocking_spectrum(motion, **axes, **body)
+        dataset = spectra.rocking_spectrum(motion, **axes)
         dataset = dataset.assign_attrs(motion=motion_options.text)
         files.write_dataset(dataset, plot_rocking_spectrum(dataset))
     overturned = 100 * float(dataset.overturned.mean())
@@ -179,11 +179,11 @@ def harmonic(
     """
     with_size = block_options.width is not None
     ratios = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
-    in_units = {"frequency": frequency, "amplitude": amplitude}
     if with_size:
         refuse("with --width", **ratios)
     else:
-        refuse("without --width", height=block_options.height, **in_units)
+        refuse("without --width", height=block_options.height)
+        refuse("without --width", frequency=frequency, amplitude=amplitude)
         # Ratios do not depend on the size: 1 m stands in.
         slenderness = block_options.slenderness or 5.0
         block_options = replace(block_options, width=1.0, slenderness=slenderness)
@@ -243,8 +243,8 @@ def tradeoff(
 
         measured = measure_tradeoff(scene)
         files.write_dataset(measured.dataset, plot_tradeoff(measured.dataset))
-    rows = measured.dataset.to_dataframe().to_dict("records")
-    data = {"rows": rows, "sentence": measured.sentence(), "notes": measured.notes()}
+    data = {"rows": measured.dataset.to_dataframe().to_dict("records")}
+    data |= {"sentence": measured.sentence(), "notes": measured.notes()}
     return Answer(measured, data, output, files.paths)
 
 

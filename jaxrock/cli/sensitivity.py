@@ -13,7 +13,7 @@ from ..block import SIZE_NAMES, block_of, size_of
 from ..ground_motion import Suite
 from ..sensitivity import Uncertain
 from ..tables import write_label
-from ..validation import POSITIVE, Number, Reals, check
+from ..validation import Number, Reals
 from .answers import Answer, list_rows
 from .motion_options import MOTION, MotionOptions
 from .options import BlockOptions, Count, FileOutput, ModelName, refuse
@@ -86,7 +86,7 @@ def sensitivity(
             raise ValueError(f"--answer {answer} does not exist here: the block overturns")
         ranges = _make_ranges(at)
         bars = replace(dependence.tornado(compute, at, ranges), sides=sides)
-        uncertain = _make_uncertain(at, coefficient_of_variation, samples=1024)
+        uncertain = Uncertain(dict.fromkeys(at, coefficient_of_variation), samples=1024)
         moments = dependence.propagate(compute, at, uncertain)
         columns = local.table() | bars.table(local.names)
         columns["fraction_of_variance"] = [
@@ -164,7 +164,8 @@ def driven_sensitivity(  # noqa: PLR0913
         motion, scale = motion_options.read(), 1.0
         sizes = {name: float(getattr(motion, name)) for name in ("amplitude", "duration")}
         at |= {"scale": scale, **sizes}
-    uncertain = _make_uncertain(at, coefficient_of_variation, samples, seed)
+    coefficients = dict.fromkeys(at, coefficient_of_variation)
+    uncertain = Uncertain(coefficients, samples=samples, seed=seed)
     names = ["sensitivity.csv", "probabilities.csv", "probabilities.png"]
     names += [] if records else ["tornado.png"]
     with output.write("sensitivity", *names, dataset=False) as files:
@@ -202,14 +203,6 @@ def _list_parameters(options: BlockOptions) -> dict[str, float]:
     sizes = size_of(options.block, by)
     at = {name: float(sizes[name]) for name in SIZE_NAMES[by]}
     return at | {"restitution": options.coefficient}
-
-
-def _make_uncertain(
-    at: Mapping[str, float], coefficient: float, samples: int, seed: int = 0
-) -> Uncertain:
-    """Make all parameters uncertain, by the same coefficient of variation."""
-    check("coefficient_of_variation", coefficient, POSITIVE)
-    return Uncertain(dict.fromkeys(at, coefficient), samples=samples, seed=seed)
 
 
 def _make_ranges(at: Mapping[str, float]) -> dict[str, tuple[float, float]]:

@@ -70,13 +70,15 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             "markersize": 5,
             "markerfacecolor": "none",
         }
-        ax.plot(levels, curve.exceedance, **look | {"linestyle": ""})
+        marks: dict[str, Any] = {**look, "linestyle": ""}
+        ax.plot(levels, curve.exceedance, **marks)
         # Without a fit, as where no record exceeds the threshold, there are marks alone.
         if np.isfinite(curve.lognormal_median):
             fit = LognormalFit(
                 float(curve.lognormal_median), float(curve.lognormal_dispersion)
             )
-            ax.plot(fine, fit.at(fine), **look | {"marker": ""})
+            line: dict[str, Any] = {**look, "marker": ""}
+            ax.plot(fine, fit.at(fine), **line)
         # One entry for mark and line, which the legend would else list one by one.
         ax.plot([], [], label=_name_threshold(threshold), **look)
     # Bands of several thresholds would hide each other.

@@ -52,7 +52,7 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
             "marker": markers[text],
             "markersize": 6,
         }
-        style = {"linestyle": ":" if bits == 32 else "-", "fillstyle": "none"}
+        style: dict[str, Any] = {"linestyle": ":" if bits == 32 else "-", "fillstyle": "none"}
         name = f"{level}, {text}{', float32' * (bits == 32)}"
         ax.plot(line.seconds, line.error, linewidth=0.9, label=name, **look, **style)
         ax.plot(front.seconds, front.error, linestyle="", **look)
