@@ -56,7 +56,7 @@ def write_inputs(folder):
     (folder / "objects.csv").write_text("name,width [m],height [m]\nbust,0.4,1.6\n")
     (folder / "hazard.csv").write_text("pga [g],rate [1/yr]\n0.1,2e-2\n1,1e-4\n")
     (folder / "motion.csv").write_text("time [s],acc [g]\n0,0\n0.2,0.4\n0.4,-0.4\n0.6,0\n")
-    (folder / "motion.xlsx").write_bytes(b"PK\x03\x04")
+    (folder / "motion.xlsx").write_bytes(b"PK\x03\x04\x14\x00\x06\x00")
     (folder / "tests.csv").write_text(
         "file,scale,overturned,peak rotation [deg]\n"
         "motion.csv,0.3,no,1\nmotion.csv,2,yes,\nmotion.csv,0.5,no,2\nmotion.csv,3,yes,\n"

@@ -10,6 +10,7 @@ from .files import (
     read_record,
     read_suite,
 )
+from .files import find_suite as find_suite
 from .files import list_suffixes as list_suffixes
 from .floor import FLOOR_DAMPING as FLOOR_DAMPING
 from .floor import FLOOR_PERIOD as FLOOR_PERIOD
@@ -22,7 +23,6 @@ from .intensity import describe_strength as describe_strength
 from .intensity import intensity_measure
 from .intensity import warn_of_large_intensities as warn_of_large_intensities
 from .motion import Motion
-from .named_suites import find_suite as find_suite
 from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
 from .pulses import check_pulse_class as check_pulse_class

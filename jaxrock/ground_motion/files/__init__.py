@@ -7,4 +7,5 @@ from .fema_p695 import fema_p695_suite as fema_p695_suite
 from .obspy_traces import from_obspy as from_obspy
 from .records import list_suffixes as list_suffixes
 from .records import read_record as read_record
+from .suites import find_suite as find_suite
 from .suites import read_suite as read_suite
