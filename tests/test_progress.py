@@ -31,7 +31,6 @@ def quick(monkeypatch, caplog):
 
 
 def loop():
-    """Go through a loop that takes a while."""
     for _ in show_progress(range(4), "steps"):
         time.sleep(0.01)
 

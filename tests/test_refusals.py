@@ -43,7 +43,7 @@ class OtherMotion(Motion):
 
 
 class OtherModel(jr.Nonlinear):
-    """A model of free rocking that users write."""
+    """Another one."""
 
 
 IMPORTED = dict(globals())
@@ -51,27 +51,26 @@ IMPORTED = dict(globals())
 
 @functools.cache
 def read_table(table):
-    """Read the definitions and the refused calls of a table; further lines of each are indented."""
+    """Read the definitions and the refused calls; further lines of each are indented."""
     text = (TABLES / f"{table}.txt").read_text(encoding="utf-8")
     lines = [line for line in re.sub(r"\n +", " ", text).splitlines() if line]
     definitions = [line for line in lines if re.match(r"\w+ = ", line)]
     calls = [line for line in lines if " -> " in line and line not in definitions]
-    headings = [line for line in lines if line.startswith("# ")]
-    assert len(definitions) + len(calls) + len(headings) == len(lines), table
+    others = {*lines} - {*definitions} - {*calls}
+    assert all(line.startswith("# ") for line in others), others
     return definitions, calls
 
 
 @functools.cache
 def evaluate_definitions(table):
     names = dict(IMPORTED)
-    for definition in read_table(table)[0]:
-        exec(definition, names)
+    exec("\n".join(read_table(table)[0]), names)
     return names
 
 
 REFUSALS = [
     pytest.param(
-        path.stem, line, marks=[pytest.mark.float64] * (path.stem == "float64"), id=line[:60]
+        path.stem, line, id=line[:60], marks=[pytest.mark.float64] * (path.stem == "float64")
     )
     for path in sorted(TABLES.glob("*.txt"))
     for line in read_table(path.stem)[1]
