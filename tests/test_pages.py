@@ -15,7 +15,7 @@ import xarray
 from tools import examples
 from tools.command import run as run_command
 from tools.drawn_pages import FOLDER, NAMES, draw_pictures, find_difference
-from tools.selection import some_by_default
+from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.cli import application
@@ -26,6 +26,7 @@ TEXTS = {
     path.stem: path.read_text(encoding="utf-8")
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 }
+PRINTED = ("README", "paper", "calibration", "concepts", "floors", "sensitivities")
 
 
 def code(page):
@@ -97,13 +98,7 @@ def run(page, capsys, before="", after=""):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize(
-    "page",
-    some_by_default(
-        ["README", "paper", "calibration", "concepts", "floors", "sensitivities"],
-        ["README", "paper"],
-    ),
-)
+@pytest.mark.parametrize("page", first_by_default(PRINTED, 2))
 def test_code_prints_and_draws_what_stands_below_it(page, capsys):
     with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
         run(page, capsys)
@@ -126,18 +121,15 @@ def test_links_lead_to_files_that_are_there(page):
 
 @pytest.mark.float64
 @pytest.mark.thorough
-def test_driven_motion(capsys):
-    namespace, _ = run("driven_motion", capsys, "1_000_000", "20_000")
-    assert namespace["response"].impacts > 1000
-    assert namespace["slope"].intensity.shape == namespace["ratio"].shape == (20_000,)
-
-
-@pytest.mark.float64
-@pytest.mark.thorough
-def test_suites(capsys):
-    namespace, printed = run("suites", capsys, "jr.example_suite()", "jr.example_suite()[:6]")
-    assert namespace["curves"].sizes["level"] == 25
-    assert "restitution" in printed
+@pytest.mark.parametrize(
+    ("page", "before", "after"),
+    [
+        ("driven_motion", "1_000_000", "20_000"),
+        ("suites", "jr.example_suite()", "jr.example_suite()[:6]"),
+    ],
+)
+def test_code_runs_with_fewer_blocks_or_records(page, before, after, capsys):
+    run(page, capsys, before, after)
 
 
 @pytest.mark.float64
