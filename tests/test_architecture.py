@@ -65,7 +65,7 @@ CODE_LINES = {
     "numerics": 773,
     "resonance": 1833,
     "ground_motion": 1486,
-    "ground_motion/files": 932,
+    "ground_motion/files": 931,
     "driven": 3342,
     "steady": 1001,
     "overturning": 670,

@@ -9,21 +9,16 @@ import pytest
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.driven import require_complete
-from jaxrock.validation import check_increasing
 
 BLOCK = jr.Block(0.4, 5.0)
-SCENE = jr.Scene(BLOCK, 0.5, 0.1)
+PULSE = jr.HalfSine(4.0, 0.4)
 
 
 def total_and_answers(shared, numbers, model):
     """Spoiled is one of the numbers; all elements share a factor of another."""
     b, slenderness, gravity, restitution, intensity = numbers
-    scene = jr.Scene(
-        jr.Block(b * shared["b"], slenderness * shared["slenderness"], gravity),
-        restitution,
-        intensity,
-    )
+    block = jr.Block(b * shared["b"], slenderness * shared["slenderness"], gravity)
+    scene = jr.Scene(block, restitution, intensity)
     functions = (
         jr.rotation_ratio,
         jr.stabilized_period,
@@ -62,67 +57,40 @@ def test_derivative_of_an_element_that_is_not_allowed_is_zero():
     def ratio(c):
         return jr.rotation_ratio(jr.Scene(BLOCK, c, 0.1))
 
-    restitution = jnp.asarray([0.6, -0.5, 0.99])
-    assert jnp.isnan(jax.vmap(ratio)(restitution)).tolist() == [False, True, True]
-    slopes = jax.vmap(jax.grad(ratio))(restitution)
-    assert slopes[0] > 0
-    assert slopes[1] == slopes[2] == 0
+    ratios, slopes = jax.vmap(jax.value_and_grad(ratio))(jnp.asarray([0.6, -0.5, 0.99]))
+    assert jnp.isnan(ratios).tolist() == [False, True, True]
+    assert slopes[0] > 0 == slopes[1] == slopes[2]
 
 
 def test_integers_take_the_precision_of_the_rest():
     single = np.float32(0.4)
     scene = jr.Scene(jr.Block(single, np.arange(3, 6)), np.float32(0.5), np.float32(0.1))
     assert jr.rotation_ratio(scene).dtype == np.float32
-    assert jr.Block(1, 5).half_height == 5
-
-
-SCENE = jr.Scene(BLOCK, 0.7, 0.1)
-PULSE = jr.HalfSine(4.0, 0.4)
 
 
 @pytest.mark.parametrize(
     "answer",
     [
-        lambda model: jr.rotation_ratio(SCENE, model),
         lambda model: jr.critical_intensity(BLOCK, 0.7, model=model),
-        lambda model: jr.critical_slenderness(BLOCK, 0.7, 0.1, model=model),
-        lambda model: jr.driven.free_motion_margin(BLOCK, 0.7, 0.01, 0.1, model),
-        pytest.param(
-            lambda model: (
-                jr.respond_to_train(BLOCK, 0.7, [0.0, 0.3], [0.1, -0.1], model).peak_rotation
-            ),
-            marks=pytest.mark.thorough,
-        ),
-        pytest.param(
-            lambda model: jr.respond_batch(BLOCK, 0.7, PULSE, model=model).peak_rotation,
-            marks=pytest.mark.thorough,
-        ),
-        pytest.param(
-            lambda model: (
-                jr.resonance_spectrum(5.0, 0.8, 0.7, 0.1, model=model).rotation_ratio.values
-            ),
-            marks=pytest.mark.thorough,
-        ),
+        lambda model: jr.respond_batch(BLOCK, 0.7, PULSE, model=model).peak_rotation,
+        lambda model: jr.resonance_spectrum(5.0, 0.8, 0.7, 0.1, model=model)["rotation_ratio"],
     ],
 )
+@pytest.mark.thorough
 def test_a_model_is_given_itself_or_by_its_name(answer):
     linearized = answer(jr.Linearized())
     nonlinear = answer(jr.Nonlinear())
-    np.testing.assert_array_equal(answer("linearized"), linearized)
-    np.testing.assert_array_equal(answer("nonlinear"), nonlinear)
-    assert (linearized != nonlinear).all()
+    assert answer("linearized") == linearized != nonlinear == answer("nonlinear")
 
 
 @pytest.mark.thorough
 def test_peak_amplification_leaves_blocks_that_overturn_out():
     def total(half_width, growth):
-        return jnp.nansum(
-            jr.Nonlinear().peak_amplification(jr.Block(half_width, 5.0), 0.1, growth)
-        )
+        block = jr.Block(half_width, 5.0)
+        return jnp.nansum(jr.Nonlinear().peak_amplification(block, 0.1, growth))
 
     both = jax.grad(total)(0.4, jnp.asarray([1.0, 100.0]))
-    alone = jax.grad(total)(0.4, jnp.asarray([1.0]))
-    np.testing.assert_allclose(both, alone, rtol=1e-6)
+    np.testing.assert_allclose(both, jax.grad(total)(0.4, jnp.asarray([1.0])), rtol=1e-6)
 
 
 def test_arguments_are_guarded_once():
@@ -136,35 +104,7 @@ def test_arguments_are_guarded_once():
     assert len(re.findall(r"= lt \S+ inf", program)) == 6
 
 
-def test_values_that_increase_or_are_traced_pass():
-    check_increasing("levels", [0.1])
-    check_increasing("levels", [[1, 2], [0, 5]])
-    jax.jit(lambda values: check_increasing("levels", values))(jnp.array([2.0, 1.0]))
-
-
-RECORDS = ("cape mendocino", "napa north")
-ALL_BUT_ONE = np.array([[True, True], [True, False]])
-
-
-def test_finished_integrations_pass():
-    require_complete(ALL_BUT_ONE | True, record=RECORDS, level=[0.4, 0.8])
-
-
 def test_a_restitution_and_an_intensity_that_are_likely_exchanged_get_a_warning():
-    sentence = (
-        r"restitution is 0\.15 and intensity 0\.7 m/s: Scene\(block, restitution, intensity\)"
-    )
-    with pytest.warns(UserWarning, match=sentence):
+    with pytest.warns(UserWarning, match=r"restitution is 0\.15 and intensity 0\.7 m/s"):
         jr.Scene(BLOCK, 0.15, 0.7)
     jr.Scene(BLOCK, restitution=0.15, intensity=0.7)  # by name it is meant
-
-
-@pytest.mark.thorough
-def test_a_batch_keeps_its_derivatives_in_forward_mode():
-    """The refusal of reverse mode leaves them as they are, also where they are batched."""
-
-    def peak(c):
-        return jr.respond_batch(BLOCK, c, PULSE).peak_rotation
-
-    shapes = jax.eval_shape(jax.vmap(jax.jacfwd(jax.jit(peak))), jnp.ones(3))
-    assert shapes.shape == (3,)

@@ -15,13 +15,14 @@ from tools.command import run
 import jaxrock as jr
 from jaxrock.impact import compute_low_restitution, compute_restitution_by_size
 from jaxrock.plot import plot_inventory
-from jaxrock.risk import list_remarks, write_inventory_page
 from jaxrock.risk import (
     Inventory,
     assess_inventory,
     describe_years,
+    list_remarks,
     read_example_inventory,
     read_inventory,
+    write_inventory_page,
 )
 
 pytestmark = pytest.mark.float64

@@ -7,6 +7,7 @@ from importlib.resources import as_file, files
 from ...validation import as_name
 from ..record import Record
 from ..suite import Suite
+from .fema_p695 import FEMA_SETS, fema_p695_suite
 from .records import read_record
 from .suites import read_suite
 
@@ -90,3 +91,23 @@ def example_suite(*, vertical: bool = False) -> Suite:
             packed.extractall(folder)
         suite = read_suite(folder, vertical=vertical)
     return Suite(suite.records, suite.names, source=EXAMPLE_SOURCE)
+
+
+def find_suite(name: str, vertical: bool = False) -> Suite:
+    """Find a suite by its name: ``"example"``, or ``"fema-"`` and a set of FEMA P695.
+
+    Raises
+    ------
+    ValueError
+        If there is no such suite, or none with a vertical component.
+    """
+    if name == "example":
+        return example_suite(vertical=vertical)
+    names = {f"fema-{record_set}": record_set for record_set in FEMA_SETS}
+    if name not in names:
+        raise ValueError(
+            f"records must be a folder that exists, example, {', '.join(names)}, got {name!r}"
+        )
+    if vertical:
+        raise ValueError(f"{name} has no vertical component")
+    return fema_p695_suite(names[name])

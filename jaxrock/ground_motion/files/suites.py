@@ -10,8 +10,6 @@ from ...tables import NamedFile, quote_names, read_head
 from ..record import Record
 from ..suite import Suite
 from .components import Component, NotAcceleration, make_caller, make_record
-from .examples import example_suite
-from .fema_p695 import FEMA_SETS, fema_p695_suite
 from .knet import KNET_SUFFIXES
 from .records import StrPath, list_suffixes, read_components
 
@@ -187,23 +185,3 @@ def _is_vertical_of(level: str, vertical: str) -> bool:
         if any(re.fullmatch(f"{begin}{p}{end}", level, re.I) for p in level_parts):
             return True
     return False
-
-
-def find_suite(name: str, vertical: bool = False) -> Suite:
-    """Find a suite by its name: ``"example"``, or ``"fema-"`` and a set of FEMA P695.
-
-    Raises
-    ------
-    ValueError
-        If there is no such suite, or none with a vertical component.
-    """
-    if name == "example":
-        return example_suite(vertical=vertical)
-    names = {f"fema-{record_set}": record_set for record_set in FEMA_SETS}
-    if name not in names:
-        raise ValueError(
-            f"records must be a folder that exists, example, {', '.join(names)}, got {name!r}"
-        )
-    if vertical:
-        raise ValueError(f"{name} has no vertical component")
-    return fema_p695_suite(names[name])
