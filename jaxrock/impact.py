@@ -234,9 +234,11 @@ def describe_scene(block: Block, restitution: float | Reals | None = None) -> st
     -------
     str
     """
-    # Only of a rectangle the height is known; of another body, that of the centre of mass.
-    body = "" if is_rectangle(block) else f" (inertia ratio {float(block.inertia_ratio):.4g})"
-    size = f"{float(block.width):.6g} m wide, {float(block.height):.6g} m high{body}"
+    high = f"{float(block.height):.6g} m high"
+    if not is_rectangle(block):  # of another body, the height itself is not known
+        high = f"centre of mass {float(block.half_height):.6g} m high, inertia ratio"
+        high = f"{high} {float(block.inertia_ratio):.4g}"
+    size = f"{float(block.width):.6g} m wide, {high}"
     wall = ", one-sided" * block.one_sided
     if restitution is None:
         return f"{size}{wall}, {describe_assumed_restitution(block)}"

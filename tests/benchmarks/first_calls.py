@@ -293,10 +293,12 @@ USED = "import jaxrock as jr; [getattr(jr, name) for name in jr.__all__ if name 
 # The bar for importing jaxrock is what it may add to importing JAX.
 IMPORTS = {"import jax": "import jax", "import jaxrock": USED}
 ADDED = 0.3
+WALL = ("--width", "0.8", "--height", "4", "--restitution", "0.7")
 COMMANDS = {
-    "jaxrock assess": ["assess", "--restitution", "0.7", "--intensity", "0.15"],
+    "jaxrock assess": ["assess", *WALL, "--intensity", "0.15"],
     "jaxrock respond, file": [
         "respond",
+        *WALL,
         "--record",
         "record.csv",
         "--unit",

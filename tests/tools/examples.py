@@ -40,7 +40,8 @@ ROOT = Path(__file__).parents[2]
 
 def list_help_examples():
     """List the command lines in the docstrings of all commands."""
-    documented = (command.__doc__ or "" for command in application.COMMANDS)
+    commands = [command for panel in application.COMMANDS.values() for command in panel]
+    documented = (command.__doc__ or "" for command in commands)
     return [line for text in documented for line in re.findall(r"Example: (jaxrock .*)", text)]
 
 

@@ -89,7 +89,7 @@ def answer_driven():
         {
             "respond": ("respond", *SLIM, *pulse),
             "harmonic": ("harmonic", *SLIM, *few),
-            "outcomes": ("sensitivity", *SLIM, *pulse, *samples),
+            "outcomes": ("driven-sensitivity", *SLIM, *pulse, *samples),
         }
     )
 
