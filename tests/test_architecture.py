@@ -77,7 +77,7 @@ CODE_LINES = {
     "spectra": 842,
     "risk": 2154,
     "plot": 1076,
-    "reports": 325,
+    "reports": 329,
     "cli": 1045,
 }
 

@@ -97,8 +97,10 @@ def test_assess(capsys):
     assert not re.search(r"zeta|Eq\.|linearized|none|nan", text)
     _, details, _ = run(capsys, "assess", *pulses, "--details")
     assert text in details
-    assert "width at this height" in details
-    assert re.search(r"amplification zeta.* 11\.", details)
+    assert re.search(
+        r"elasticities of the rotation ratio: width at this height +-2\.2", details
+    )
+    assert re.search(r"stabilized: amplification +11\.", details)
     answer = read_answer(capsys, "assess", *pulses)
     block = jr.Block.from_size(width=0.8, height=4.0)
     ratio = float(jr.rotation_ratio(jr.Scene(block, 0.7, 0.15), jr.Nonlinear()))

@@ -127,6 +127,7 @@ CALLS = {
     ),
     "critical_restitution": lambda k: jr.critical_restitution(block(k), 0.15),
     "critical_slenderness": lambda k: jr.critical_slenderness(block(k), 0.7, 0.15 + 0.01 * k),
+    "critical_values": lambda k: jr.resonance.critical_values(block(k), 0.7, 0.15 + 0.01 * k),
     "critical_width": lambda k: [
         jr.critical_width(block(k), 0.7, 0.15 + 0.01 * k, fixed=fixed)
         for fixed in ("slenderness", "height")
@@ -247,6 +248,8 @@ CALLS = {
 LEFT_OUT = {
     "DrivenScene": "holds numbers",
     "Scene": "holds numbers",
+    "Assessment": "holds numbers",
+    "CriticalValues": "holds numbers",
     "Linearized": "what computes with it is called",
     "Nonlinear": "what computes with it is called",
     "Motion": "is abstract",

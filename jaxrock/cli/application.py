@@ -109,7 +109,7 @@ def _compute_answer(words: Sequence[str]) -> Answer | None:
             words, print_error=False, exit_on_error=False
         )
     except CycloptsError as error:
-        sentence = " ".join(str(error).split()).rstrip(".")
+        sentence = " ".join(str(error).split()).rstrip(",. ")
         raise ValueError(
             f"{sentence}; write numbers without units behind their options, as in --width 0.8;"
             " jaxrock COMMAND --help lists options and units"

@@ -129,7 +129,7 @@ def driven_sensitivity(  # noqa: PLR0913
     size are those of the command sensitivity. Writes sensitivity.csv, probabilities.csv,
     probabilities.png, and tornado.png under one motion.
 
-    Example: jaxrock driven-sensitivity --width 0.2 --height 1 --record example --scale 2
+    Example: jaxrock driven-sensitivity --width 0.4 --height 2 --record example --scale 1.5
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def driven_sensitivity(  # noqa: PLR0913
     uncertain = Uncertain(coefficients, samples=samples, seed=seed)
     names = ["sensitivity.csv", "probabilities.csv", "probabilities.png"]
     names += [] if records else ["tornado.png"]
-    with output.write("sensitivity", *names, dataset=False) as files:
+    with output.write("driven_sensitivity", *names, dataset=False) as files:
         from ..plot import plot_tornado
 
         outcomes = dependence.outcome_probabilities(

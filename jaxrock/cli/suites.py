@@ -94,7 +94,7 @@ def fragility(  # noqa: PLR0913
         over_level = [n for n in curves if curves[n].dims == ("level", "threshold")]
         files.write_dataset(curves, plot_fragility(curves), table=curves[over_level])
         texts: list[object] = [block_options.text, suite, risk.describe_fragility(curves)]
-        data = {"block": block_options.text, **risk.tabulate_fragility(curves)}
+        data = risk.tabulate_fragility(curves)
         if site is not None:
             rate = risk.overturning_rate(block, c, site, uncertainty, model=model)
             texts.append(rate)

@@ -96,7 +96,8 @@ class Assessment(Printed, dict[str, Any]):
                     column.append(cell)
         described = _flatten(self["scene"])
         scene = format_table("\nthe scene, in SI", list(described), value=described.values())
-        return f"{self}\n{scene}\n{format_table('', names, **columns)}"
+        labels = [name.replace("s:", "s of the rotation ratio:") for name in names]
+        return f"{self}\n{scene}\n{format_table('', labels, **columns)}"
 
 
 def assess_block(block: Block, restitution: Number) -> Assessment:
@@ -180,6 +181,10 @@ def _assess(scene: Scene, with_pulses: bool) -> Assessment:
     if shape:
         raise ValueError(f"scene must be single to be assessed, got an array of {shape}")
     answers = jax.tree.map(float, jax.device_get(_compute(scene, with_pulses)))
+    for model in answers["models"].values():
+        # JAX has sorted the labels as text: "10" stood before "2".
+        by_label = model["critical_intensity"]
+        model["critical_intensity"] = {label: by_label[label] for label in _HALF_CYCLES}
     simple, full = (
         {key: model[key] for key in _COMPARED if key in model}
         for model in answers["models"].values()
