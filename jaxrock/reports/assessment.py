@@ -277,12 +277,13 @@ def _compute_answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
     }
 
 
-def _flatten(nested: dict[str, Any]) -> dict[str, float]:
+def _flatten(nested: dict[str, Any], above: str = "") -> dict[str, float]:
     """List the numbers of nested answers by their paths, such as ``stabilized: period``."""
-    leaves = jax.tree.leaves_with_path(nested)
-    paths = (jax.tree_util.keystr(path, simple=True, separator=": ") for path, _ in leaves)
-    values = (leaf for _, leaf in leaves)
-    return {p.replace("_", " "): v for p, v in zip(paths, values, strict=True)}
+    flat: dict[str, float] = {}
+    for key, value in nested.items():
+        name = f"{above}{key.replace('_', ' ')}"
+        flat |= _flatten(value, f"{name}: ") if isinstance(value, dict) else {name: value}
+    return flat
 
 
 def _write_acceleration(value: float) -> str:
