@@ -77,8 +77,8 @@ CODE_LINES = {
     "spectra": 842,
     "risk": 2154,
     "plot": 1076,
-    "reports": 329,
-    "cli": 1045,
+    "reports": 330,
+    "cli": 1044,
 }
 
 

@@ -240,8 +240,7 @@ def _find_boundaries(
         found.complete, **{along: f"between {limits[0]:g} and {limits[1]:g}"}
     )
     lifts = f"{strength} {overturning.format_value(strength, uplift)} just lifts the block"
-    span = f"examined: {along} from {limits[0]:.4g} to {limits[1]:.4g}"
     data = {f"uplift_{strength}": uplift, "along": along, "examined": limits, **known}
     mark = {"uplift": uplift} if strength == along else {}
-    lines = [title, lifts, found, span]
+    lines = [title, lifts, found, f"examined: {along} from {limits[0]:.4g} to {limits[1]:.4g}"]
     return title, found, lines, data, lambda plot: plot.plot_boundaries(found, limits, **mark)

@@ -89,21 +89,17 @@ def sensitivity(
         uncertain = Uncertain(dict.fromkeys(at, coefficient_of_variation), samples=1024)
         moments = dependence.propagate(compute, at, uncertain)
         columns = local.table() | bars.table(local.names)
-        columns["fraction_of_variance"] = [
-            moments.variance_fractions[name] for name in local.names
-        ]
+        columns["fraction_of_variance"] = [moments.variance_fractions[n] for n in local.names]
         files.write_csv("sensitivity.csv", columns, block=block_options.text)
-        files.save_picture(
-            "tornado.png", plot_tornado(bars, label=write_label(answer.replace("-", "_")))
-        )
+        label = write_label(answer.replace("-", "_"))
+        files.save_picture("tornado.png", plot_tornado(bars, label=label))
     known = moments.within_tolerance
     mean, deviation = (moments.mean, moments.standard_deviation) if known else (math.nan,) * 2
-    data = {"answer": answer, "model": model, "value": local.value, "mean": mean}
-    data |= {"standard_deviation": deviation, "within_tolerance": known}
-    data["rows"] = list_rows(columns)
+    data = {"answer": answer, "model": model, "value": local.value, "rows": list_rows(columns)}
+    data |= {"mean": mean, "standard_deviation": deviation, "within_tolerance": known}
     spread = f"{mean:.6g} +- {deviation:.3g}" if known else "not known, as samples show"
-    given = f"with a coefficient of variation of {coefficient_of_variation:g} in each"
-    text = f"{block_options.text}; by the {model} model\n{answer} {local}\n{given}: {spread}"
+    given = f"by the {model} model, with a variation of {coefficient_of_variation:g} in each"
+    text = f"{block_options.text}\n{answer} {local}\n{given}: {spread}"
     return Answer(text, data, output, files.paths)
 
 
@@ -152,7 +148,7 @@ def driven_sensitivity(  # noqa: PLR0913
     block, c = block_options.block, block_options.coefficient
     # Only a positive factor can be uncertain: a reversed motion has the sign itself.
     scale, sign = abs(motion_options.factor), math.copysign(1.0, motion_options.factor)
-    at = {**_list_parameters(block_options), "scale": scale}
+    at = _list_parameters(block_options)
     if records is not None:
         alone = ("record", "pulse", "amplitude", "pulse_duration", "column", "vertical")
         refuse("with --records", **{name: getattr(motion_options, name) for name in alone})
@@ -162,8 +158,9 @@ def driven_sensitivity(  # noqa: PLR0913
         motion = motion_options.read_unscaled().scaled(sign)
     else:
         motion, scale = motion_options.read(), 1.0
-        sizes = {name: float(getattr(motion, name)) for name in ("amplitude", "duration")}
-        at |= {"scale": scale, **sizes}
+        at |= {name: float(getattr(motion, name)) for name in ("amplitude", "duration")}
+    if motion_options.pulse is None:
+        at["scale"] = scale
     coefficients = dict.fromkeys(at, coefficient_of_variation)
     uncertain = Uncertain(coefficients, samples=samples, seed=seed)
     names = ["sensitivity.csv", "probabilities.csv", "probabilities.png"]
@@ -175,8 +172,12 @@ def driven_sensitivity(  # noqa: PLR0913
             block, c, motion.scaled(scale), uncertain, ratio=ratio, model=model
         )
         columns = outcomes.table_of_sources()
-        texts = [f"{block_options.text}; by the {model} model", outcomes]
-        data: dict[str, object] = {"model": model}
+        source = getattr(motion, "source", "")
+        texts = [
+            f"{block_options.text}; by the {model} model; {source}".rstrip("; "),
+            outcomes,
+        ]
+        data: dict[str, object] = {"model": model, "record_source": source}
         if not isinstance(motion, Suite):
             asked = {"answer": answer.replace("-", "_"), "scale": scale, "model": model}
             local = dependence.local_dependence(block, c, motion, uncertain, **asked)
@@ -187,9 +188,8 @@ def driven_sensitivity(  # noqa: PLR0913
             texts += ["", f"{answer} {bars}", local]
             data |= {"answer": answer, "value": bars.value}
             data |= {name: getattr(local, name) for name in _SUMMARY}
-            files.save_picture(
-                "tornado.png", plot_tornado(bars, label=write_label(answer.replace("-", "_")))
-            )
+            label = write_label(answer.replace("-", "_"))
+            files.save_picture("tornado.png", plot_tornado(bars, label=label))
         files.write_csv("sensitivity.csv", columns, block=block_options.text)
         files.write_csv("probabilities.csv", outcomes.table(), block=block_options.text)
         files.save_picture("probabilities.png", outcomes.plot())

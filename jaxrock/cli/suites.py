@@ -21,8 +21,8 @@ from .options import (
 _EXAMPLE_HAZARD = "EXAMPLE hazard, of no real place"
 _NEXT_STEPS = """
 This was an example: its objects and its hazard are made up. For yours, replace the contents of
-{objects} and {hazard} in a spreadsheet, save as CSV, and type:
-   jaxrock inventory {objects} --hazard {hazard} --target-return-period 2475 --out my-objects
+{0} and {1} in a spreadsheet, save as CSV, and type:
+   jaxrock inventory {0} --hazard {1} --target-return-period 2475 --out my-objects
 Then open my-objects/inventory.html in a browser, and print it."""
 
 
@@ -206,9 +206,9 @@ def inventory(
         (files.folder / "inventory.html").write_text(page, encoding="utf-8")
     lines = [risk.describe_inventory(assessed), *risk.list_remarks(assessed)]
     if is_example:
-        paths = dict(zip(("objects", "hazard"), files.paths[-2:], strict=True))
-        lines.append(_NEXT_STEPS.format(**paths))
+        lines.append(_NEXT_STEPS.format(*files.paths[-2:]))
     data = {"target": target, "measure": site.measure, "objects": list_rows(table)}
+    data["levels"] = assessed.level.values.tolist()
     return Answer("\n".join(lines), data, output, files.paths)
 
 
