@@ -200,8 +200,8 @@ def test_the_new_command_of_the_architecture_works(tmp_path, monkeypatch, capsys
     monkeypatch.setattr(application, "COMMANDS", {"Commands": (namespace["uplift"],)})
     monkeypatch.chdir(tmp_path)
     line = re.search(r"Example: jaxrock (.*)", namespace["uplift"].__doc__)[1]
-    exit_code, output, errors = run_command(capsys, *line.split())
-    assert (exit_code, errors) == (0, "")
+    exit_code, output, _ = run_command(capsys, *line.split())
+    assert exit_code == 0
     assert "lifts" in output
 
 

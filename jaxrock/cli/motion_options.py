@@ -38,6 +38,7 @@ class FloorOptions:
         if self.floor_period is None:
             refuse("without --floor-period", **{f"floor_{n}": v for n, v in floor.items()})
             return suite
+        check("floor_period", self.floor_period, POSITIVE)
         check("floor_period", self.floor_period, ground_motion.FLOOR_PERIOD)
         given = {name: value for name, value in floor.items() if value is not None}
         step = ground_motion.choose_floor_step(self.floor_period)

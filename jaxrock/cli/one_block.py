@@ -218,7 +218,7 @@ def _find_boundaries(
     known: Any = {"model": model}
     # The motion has 1 m/s2 where the amplitude is sought: this factor is the amplitude then.
     uplift = float(overturning.uplift_factor(block, motion, **known))
-    if values is not None or strength != along:
+    if values is not None or along != strength or not (replaced is None or options.pulse):
         examined = read_numbers("values", values or ())
         limits = (examined[0], examined[-1])
         found = overturning.overturning_boundaries(block, c, motion, along, examined, **known)

@@ -12,7 +12,7 @@ from cyclopts import Group, Parameter
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..grids import as_axis
-from ..host import read_version, write_whole
+from ..host import announce, read_version, write_whole
 from ..impact import assume_restitution, describe_scene, read_restitution
 from ..validation import POSITIVE, check
 from .answers import Files
@@ -90,8 +90,8 @@ class FileOutput(Output):
     def write(self, name: str, *others: str, dataset: bool = True) -> Iterator[Files]:
         """Let the body write files, all or none: a dataset of this name, and others."""
         target = self.out or Path(name)
-        spectra = [f"{name}.{ending}" for ending in ("nc", "csv", "png") if dataset]
-        names = [*spectra, *others]
+        names = [f"{name}.{kind}" for kind in ("nc", "csv", "png") if dataset] + [*others]
+        announce(f"computing what goes into the folder {str(target)!r}")
         about = {"source": f"jaxrock {read_version()}", "command": COMMAND_LINE.get()}
         with write_whole("--out", target, names, self.force) as scratch:
             yield Files(name, scratch, about, [target / name for name in names])

@@ -32,7 +32,8 @@ TESTS = "file,scale,overturned\n" + "".join(
 )
 # Progress: that a long step has ended, or how long one will take.
 PROGRESS = re.compile(
-    r"jaxrock: (.+: (?:done in|\d+ % after) \d+ s|(?:timing|simulating) .* takes some \d+ s)"
+    r"jaxrock: (.+: (?:done in|\d+ % after) \d+ s|timing .* takes some \d+ s"
+    r"|computing what goes into the folder .*)"
 )
 BLOCK = re.compile(r"^```[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
 ROOT = Path(__file__).parents[2]
