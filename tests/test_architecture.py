@@ -78,7 +78,7 @@ CODE_LINES = {
     "risk": 2154,
     "plot": 1076,
     "reports": 330,
-    "cli": 1044,
+    "cli": 1045,
 }
 
 
