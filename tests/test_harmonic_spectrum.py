@@ -273,10 +273,7 @@ def test_the_command_in_hertz(capsys, tmp_path):
     for frequency in (1, 2):
         least = least_harmonic_amplitude(block, 0.9, 2 * np.pi * frequency)
         on_grid = np.ceil(float(least) * 100) / 100
-        line = (
-            f"at {frequency} Hz: keeps rocking from {on_grid:.3g} m/s2 on,"
-            " lifted from rest at 1.94"
-        )
+        line = f"at {frequency} Hz: keeps rocking from {on_grid:.3g} m/s2 on\n"
         assert line in text
     assert_follows_cf(tmp_path / "out" / "harmonic.nc")
     with xarray.open_dataset(tmp_path / "out" / "harmonic.nc") as dataset:

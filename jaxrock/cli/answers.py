@@ -76,9 +76,12 @@ class Files:
         if not (self.folder / f"{self.name}.nc").exists():
             dataset.to_netcdf(self.folder / f"{self.name}.nc")
         if isinstance(table, dict):
-            self.write_csv(f"{self.name}.csv", table)
+            found = {head: dataset.get(head.split(" ")[0].rstrip(":")) for head in table}
+            units = {h: v.attrs.get("units", "") for h, v in found.items() if v is not None}
+            write_csv(self.folder / f"{self.name}.csv", table, self.about, units)
         else:
-            write_table(dataset if table is None else table, self.folder / f"{self.name}.csv")
+            chosen = dataset if table is None else table.assign_attrs(self.about)
+            write_table(chosen, self.folder / f"{self.name}.csv")
         self.save_picture(f"{self.name}.png", drawn, title)
 
     def save_picture(self, name: str, drawn: Any, title: str = "") -> None:
@@ -94,6 +97,5 @@ class Files:
 
 def list_rows(columns: Mapping[str, Sequence[object]]) -> list[dict[str, object]]:
     """List the rows of a table as dictionaries."""
-    return [
-        dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
-    ]
+    rows = zip(*columns.values(), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]

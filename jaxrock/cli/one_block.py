@@ -1,7 +1,7 @@
 """The commands about one block: assessed, shaken, and its limits."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -166,29 +166,27 @@ def critical(
     """
     if motion_options.given:
         refuse("with a pulse or a record", intensity=intensity, half_cycles=half_cycles)
-        title, found, lines, data, draw = _find_boundaries(
+        title, found, lines, data, picture = _find_boundaries(
             block_options, motion_options, along, values, model or "nonlinear"
         )
     else:
         motion_options.refuse("without --pulse or --record")
         refuse("without --pulse or --record", along=along, values=values, model=model)
-        scene = (block_options.block, block_options.coefficient)
-        title = block_options.text
+        scene, title = (block_options.block, block_options.coefficient), block_options.text
         pulse = 0.15 if intensity is None else intensity
         found = resonance.critical_values(
             *scene, pulse, half_cycles or (1.0, 2.0, 5.0, math.inf)
         )
         lines, data = [found], {}
-
-        draw = lambda plot: plot.plot_critical_intensity(*scene, pulse)  # noqa: E731
-
+        picture = ("plot_critical_intensity", (*scene, pulse), {})
     paths: Sequence[Path] = ()
     if output.out is not None:
         from .. import plot
 
         with output.write("critical", "critical.csv", "critical.png", dataset=False) as files:
             files.write_csv("critical.csv", found.table(), scene=title)
-            files.save_picture("critical.png", draw(plot), title)
+            drawn = getattr(plot, picture[0])(*picture[1], **picture[2])
+            files.save_picture("critical.png", drawn, title)
         paths = files.paths
     data = {"rows": list_rows(found.table()), **data}
     return Answer("\n".join(map(str, lines)), data, output, paths)
@@ -200,10 +198,8 @@ def _find_boundaries(
     along: str | None,
     values: Grid | None,
     model: ModelName,
-) -> tuple[
-    str, overturning.Boundaries, list[object], dict[str, object], Callable[..., object]
-]:
-    """Find what lifts the block, and the boundaries along a quantity; and how to draw them."""
+) -> tuple[str, overturning.Boundaries, list[Any], dict[str, Any], tuple[str, Any, Any]]:
+    """Find what lifts the block, and the boundaries along a quantity; name their picture."""
     block, c = block_options.block, block_options.coefficient
     title = f"{block_options.text}; {options.text}"
     along = along or ("amplitude" if options.pulse else "factor")
@@ -243,4 +239,4 @@ def _find_boundaries(
     data = {f"uplift_{strength}": uplift, "along": along, "examined": limits, **known}
     mark = {"uplift": uplift} if strength == along else {}
     lines = [title, lifts, found, f"examined: {along} from {limits[0]:.4g} to {limits[1]:.4g}"]
-    return title, found, lines, data, lambda plot: plot.plot_boundaries(found, limits, **mark)
+    return title, found, lines, data, ("plot_boundaries", (found, limits), mark)

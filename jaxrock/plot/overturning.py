@@ -86,6 +86,9 @@ def plot_boundaries(
     look: dict[str, Any] = {"linewidth": 0}
     ax.broken_barh(spans[~overturns], (0, 1), color=_STANDS, label="stands", **look)
     ax.broken_barh(spans[overturns], (0, 1), color=ACCENT, label="overturns", **look)
+    # Matplotlib 3.10 does not count bars in its limits.
+    ax.update_datalim([(ends[0], 0), (ends[1], 1)])
+    ax.autoscale_view()
     line: dict[str, Any] = {"color": INK, "linewidth": 1.4}
     if values.size:
         ax.axvline(values[0], **line, label=f"first boundary: {values[0]:.4g}")

@@ -55,6 +55,8 @@ QUANTITIES = {
     "object": Quantity("index of the object", domain=NON_NEGATIVE),
     "record": Quantity("index of the record", domain=NON_NEGATIVE),
     "sample": Quantity("index of the sample of uncertain parameters", domain=NON_NEGATIVE),
+    "pga": Quantity("peak ground acceleration", "", "m s-2", POSITIVE),
+    "pgv": Quantity("peak ground velocity", "", "m s-1", POSITIVE),
     # Answers.
     "stabilized_rotation": Quantity("peak rotation", r"\alpha^*_{max}", "rad"),
     "peak_rotation": Quantity("peak rotation", r"\alpha^*_{max}", "rad"),

@@ -326,8 +326,9 @@ def tabulate_tests(scores: "xarray.Dataset") -> dict[str, list[Any]]:
     names = ("group", "pgv", "pga", "overturned", "peak_rotation")
     columns = {"name": scores.test.values.tolist()}
     columns |= {name: scores[name].values.tolist() for name in names if name in scores}
-    for predictor, probability in scores.probability.groupby("predictor", squeeze=False):
-        columns[f"probability by {predictor}"] = probability.values.ravel().tolist()
+    for predictor in scores.predictor.values.tolist():
+        probability = scores.probability.sel(predictor=predictor)
+        columns[f"probability by {predictor}"] = probability.values.tolist()
     return columns
 
 
