@@ -85,11 +85,11 @@ class Files:
         self.save_picture(f"{self.name}.png", drawn, title)
 
     def save_picture(self, name: str, drawn: Any, title: str = "") -> None:
-        """Write the figure, or the one that axes belong to, with a title."""
+        """Write the figure, or the one that axes belong to, with a title above its legend."""
         import matplotlib.pyplot as plt
 
         if title:
-            drawn.set_title(title)
+            drawn.figure.suptitle(title, fontsize="medium", wrap=True)
         drawn.figure.savefig(self.folder / name, dpi=150)
         # pyplot keeps every figure until it is closed.
         plt.close(drawn.figure)

@@ -186,7 +186,7 @@ def critical(
         with output.write("critical", "critical.csv", "critical.png", dataset=False) as files:
             files.write_csv("critical.csv", found.table(), scene=title)
             drawn = getattr(plot, picture[0])(*picture[1], **picture[2])
-            files.save_picture("critical.png", drawn, title)
+            files.save_picture("critical.png", drawn, title if motion_options.given else "")
         paths = files.paths
     data = {"rows": list_rows(found.table()), **data}
     return Answer("\n".join(map(str, lines)), data, output, paths)

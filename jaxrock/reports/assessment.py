@@ -233,18 +233,18 @@ def _compute_answers(scene: Scene, model: RockingModel) -> dict[str, Any]:
     margin = resonance.overturning_margin(scene, model)
     sizes = size_of(block, "sides")
     width, slenderness = sizes["width"], block.slenderness
-    of_slenderness, of_half_width = gradient.block.slenderness, gradient.block.half_width
+    by_slenderness, by_half_width = gradient.block.slenderness, gradient.block.half_width
     # The sides are w = 2 b and h = lambda w. With a wider base at this height the slenderness
     # falls, and with more height at this width only the slenderness grows.
     slopes = {
         "restitution": (scene.restitution, gradient.restitution),
-        "slenderness": (slenderness, of_slenderness),
-        "half_width": (block.half_width, of_half_width),
+        "slenderness": (slenderness, by_slenderness),
+        "half_width": (block.half_width, by_half_width),
         "intensity": (scene.intensity, gradient.intensity),
         "width_at_this_height": (
-            width, of_half_width / 2 - of_slenderness * slenderness / width
+            width, by_half_width / 2 - by_slenderness * slenderness / width
         ),
-        "height_at_this_width": (sizes["height"], of_slenderness / width),
+        "height_at_this_width": (sizes["height"], by_slenderness / width),
     }  # fmt: skip
     # Beyond the overturning threshold the ratio is NaN, and its derivative 0 by convention.
     derivatives = {
