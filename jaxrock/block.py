@@ -35,7 +35,6 @@ from .validation import (
     elementwise,
     is_traced,
     quantity,
-    require_names,
 )
 
 # The descriptions of the size of a block: 2b and 2a, b and lambda, or alpha_c and p.
@@ -138,7 +137,6 @@ class Block(Printed, Checked):
         return ", ".join(parts)
 
     @classmethod
-    @require_names
     def from_size(
         cls,
         *,
@@ -318,7 +316,7 @@ class Block(Printed, Checked):
         fraction = fraction_in_centre(self.inertia_ratio)
         return jnp.sqrt(fraction * self.gravity / (self.half_width * diagonal_ratio(self)))
 
-    @elementwise(intensity=quantity(NON_NEGATIVE, "m/s"))
+    @elementwise(intensity=NON_NEGATIVE)
     def pulse_velocity(self, intensity: Number) -> Reals:
         """Compute the angular velocity that an instantaneous pulse gives to the block at rest.
 

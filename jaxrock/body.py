@@ -13,7 +13,6 @@ from .validation import (
     Reals,
     check,
     elementwise,
-    quantity,
 )
 
 _Real = AnyArray | np.floating
@@ -31,9 +30,9 @@ def fraction_in_centre(inertia_ratio: Reals) -> Reals:
 
 @elementwise(
     frequency_parameter=POSITIVE,
-    critical_angle=quantity(RIGHT_ANGLE, "rad"),
-    gravity=quantity(POSITIVE, "m/s2"),
-    inertia_ratio=quantity(AT_LEAST_ONE, ""),
+    critical_angle=RIGHT_ANGLE,
+    gravity=POSITIVE,
+    inertia_ratio=AT_LEAST_ONE,
 )
 def compute_size(
     frequency_parameter: Number, critical_angle: Number, gravity: Number, inertia_ratio: Number
@@ -81,7 +80,7 @@ def is_of_numpy(*numbers: object) -> bool:
 
 
 @elementwise(
-    half_width=quantity(POSITIVE, "m"),
+    half_width=POSITIVE,
     centre_height=POSITIVE,
     mass=POSITIVE,
     inertia_about_centre=NON_NEGATIVE,

@@ -20,7 +20,6 @@ import jax
 import jax.numpy as jnp
 import jaxtyping
 import numpy as np
-import pint
 import pytest
 import xarray
 from references.half_sine_rates import pulses

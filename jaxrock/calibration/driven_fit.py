@@ -23,7 +23,6 @@ from ..validation import (
     Reals,
     as_array,
     as_real,
-    as_text,
     check,
     check_concrete,
     check_increasing,
@@ -216,7 +215,7 @@ def _check_test(  # noqa: PLR0913
     # A string is a sequence of its letters, which are no names.
     if isinstance(parameters, str) or not parameters:
         raise ValueError(f"parameters must be one or more names, got {parameters!r}")
-    parameters = [as_text(name) for name in parameters]
+    parameters = list(parameters)
     for name in parameters:
         is_known = isinstance(name, str) and name in _PARAMETERS
         if not is_known or parameters.count(name) > 1:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from ..block import Block
 from ..impact import prepare_restitution, velocity_after_impact
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import FINITE, UNIT_INTERVAL, Number, Reals, elementwise, quantity
+from ..validation import FINITE, UNIT_INTERVAL, Number, Reals, elementwise
 from .equation import Equation
 
 # Rotation at which a block lies on its side, whatever the ground does [rad].
@@ -43,9 +43,9 @@ def pick_smaller_margin(before: Reals, after: Reals) -> Reals:
 
 @elementwise(
     prepare_restitution,
-    restitution=quantity(UNIT_INTERVAL, ""),
-    rotation=quantity(FINITE, "rad"),
-    velocity=quantity(FINITE, "rad/s"),
+    restitution=UNIT_INTERVAL,
+    rotation=FINITE,
+    velocity=FINITE,
     model=as_model,
 )
 def free_motion_margin(

@@ -7,7 +7,7 @@ import numpy as np
 from typing_extensions import TypeAliasType
 
 from ..tables import QUANTITIES
-from ..validation import Number, as_real, carries_unit, check, check_concrete, convert_to_si
+from ..validation import Number, as_real, check, check_concrete
 
 if TYPE_CHECKING:
     import xarray
@@ -33,11 +33,9 @@ def as_axis(name: str, value: Values) -> np.ndarray:
     """
     quantity = QUANTITIES[name]
     check_concrete(value, f"{name} is an axis of a dataset")
-    if carries_unit(value):
-        value = convert_to_si(name, value, quantity.unit)
     # This only raises for anything but numbers. Its array has the precision of JAX; the axis
     # stays in float64, since coordinates are compared with the values that were asked for.
-    as_real(name, value)
+    as_real(name, value, unit=quantity.unit)
     values = np.asarray(value, dtype=float)
     if values.ndim > 1 or values.size == 0:
         raise ValueError(

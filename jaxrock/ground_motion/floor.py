@@ -23,10 +23,8 @@ from ..validation import (
     as_array,
     as_field,
     as_real,
-    carries_unit,
     check,
     choose_namespace,
-    convert_to_si,
     is_traced,
     quantity,
     replace_invalid,
@@ -124,17 +122,15 @@ def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
     """Read a time [s] on which the number of samples depends; None if it is not given."""
     if value is None:
         return None
-    number = cast("Any", convert_to_si(name, value, "s") if carries_unit(value) else value)
-    if is_traced(number) or np.ndim(number):
-        kind = "a tracer" if is_traced(number) else f"an array of shape {np.shape(number)}"
+    if is_traced(value) or np.ndim(value):
+        kind = "a tracer" if is_traced(value) else f"an array of shape {np.shape(value)}"
         raise ValueError(
             f"{name} must be one concrete number, since it decides the number of samples,"
             f" got {kind}"
         )
-    if not isinstance(number, int | float | np.ndarray | np.generic | jax.Array):
-        as_real(name, number)  # raises, and says what it is
+    as_real(name, value, unit="s")  # raises for anything but a number
     # No array of JAX: within a transformation it would be traced.
-    time = float(number)
+    time = float(cast("Any", value))
     check(name, time, domain)
     return time
 

@@ -63,9 +63,6 @@ class Motion(Printed, Checked):
     """
 
     name: ClassVar[str]
-    # For messages, as in `check_kind`.
-    _reader: ClassVar[str] = "read_record"
-    _sample_maker: ClassVar[str] = "Record(acceleration, time_step)"
 
     start: eqx.AbstractVar[Reals]
 

@@ -17,7 +17,6 @@ from ..validation import (
     as_array,
     as_field,
     as_real,
-    carries_unit,
     check,
     is_traced,
     quantity,
@@ -85,8 +84,6 @@ class Record(Motion):
     start: Reals = quantity(NON_NEGATIVE, "s")
 
     name = "record"
-    _reader = "read_record"
-    _sample_maker = Motion._sample_maker
 
     def __init__(
         self,
@@ -313,8 +310,6 @@ def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
     """Convert the samples of an argument from a unit to an array in m/s2."""
     if unit is None:
         return as_field(Record, name, samples)
-    if carries_unit(samples):
-        raise ValueError(f"unit must be left out if {name} carries one, got {unit!r}")
     factor = require_unit(unit)
     samples = as_field(Record, name, samples)
     if is_traced(samples):

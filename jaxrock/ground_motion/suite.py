@@ -1,7 +1,7 @@
 """Suites: several records, of any lengths and time steps, as one argument."""
 
 from collections.abc import Iterator, Sequence
-from typing import ClassVar, cast
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -17,7 +17,6 @@ from ..validation import (
     Numbers,
     Reals,
     as_real,
-    as_text,
     check,
     check_kind,
     is_traced,
@@ -82,10 +81,6 @@ class Suite(Printed, eqx.Module):
     directions: int = eqx.field(static=True)
     source: str = eqx.field(static=True)
 
-    # For messages, as in `check_kind`.
-    _reader: ClassVar[str] = "read_suite"
-    _element: ClassVar[type[Record]] = Record
-
     def __init__(
         self,
         records: Sequence[Record],
@@ -124,7 +119,7 @@ class Suite(Printed, eqx.Module):
         self.ground = ground
         self.floor = floor
         self.directions = int(directions)
-        self.source = as_text(source)
+        self.source = source
 
     def __str__(self) -> str:
         ways = " in both directions" * (self.directions == 2)
@@ -168,7 +163,6 @@ class Suite(Printed, eqx.Module):
                 directions=directions,
                 source=part + self.source,
             )
-        which = as_text(which)
         if isinstance(which, str):
             if which not in self.names:
                 raise KeyError(f"no record is named {which!r}")
@@ -395,5 +389,5 @@ def require_positive_measures(suite: Suite, measure: str, block: Block | None = 
     measures = suite.measure(measure, block)
     if not is_traced(measures):
         ground = suite if suite.ground is None else suite.ground
-        check_measures(np.asarray(measures), as_text(measure), ground.names, ground.records)
+        check_measures(np.asarray(measures), measure, ground.names, ground.records)
     return measures

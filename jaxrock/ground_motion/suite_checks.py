@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
-from ..validation import as_text, describe
+from ..validation import describe
 from .drift import warn_of_drifts
 from .record import Record
 
@@ -45,7 +45,7 @@ def check_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
         raise ValueError(f"names must be a list of names, got {names!r}")
     if names is None:
         names = [str(number) for number in range(1, count + 1)]
-    words = tuple(map(as_text, names))
+    words = tuple(names)
     not_text = [name for name in words if not isinstance(name, str)]
     if not_text:
         raise ValueError(f"names must be words, got {not_text[0]!r}")

@@ -3,7 +3,6 @@
 import math
 
 from ..tables import UNITS_OF_ACCELERATION, parse_unit
-from ..validation import as_text
 
 
 def convert_unit(words: str) -> float:
@@ -14,7 +13,7 @@ def convert_unit(words: str) -> float:
 
 def require_unit(unit: str) -> float:
     """Convert the argument `unit` to m/s2; a `ValueError` if it is not understood."""
-    factor = convert_unit(str(as_text(unit)))
+    factor = convert_unit(str(unit))
     if math.isnan(factor):
         raise ValueError(f"unit must be {UNITS_OF_ACCELERATION}, got {unit!r}")
     return factor

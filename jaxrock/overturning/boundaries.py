@@ -21,7 +21,6 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
-    as_text,
     choose_namespace,
     is_traced,
 )
@@ -180,7 +179,7 @@ def overturning_boundaries(
     >>> print(jr.overturning_boundaries(block, 0.9, pulse, "slenderness", np.linspace(2, 9, 8)))
     overturns beyond 5.80354 (overturning without an impact)
     """
-    search = Search(as_text(along), model, max_boundaries)
+    search = Search(along, model, max_boundaries)
     return search_boundaries(block, restitution, motion, values, search)
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from ..block import Block
 from ..grids import expand_scalars
 from ..resonance import critical_slenderness
-from ..validation import as_name, as_text
+from ..validation import as_name
 from .axes import (
     BESIDE,
     CURVES,
@@ -70,8 +70,6 @@ def plot_curves(
     """
     source = "resonance_spectrum(...).rotation_ratio"
     check_result("variable", variable, xarray.DataArray, source)
-    hue = as_text(hue)
-    along = as_text(along)
     variable = expand_scalars(variable, along, hue)
     if set(variable.dims) != {along, hue}:
         raise ValueError(

@@ -92,7 +92,7 @@ class Oscillator(Printed, Checked):
         share = decaying_share_of_one(self._decrement, jnp.inf)
         return quotient_or_infinite(jnp.ones_like(share), share)
 
-    @elementwise(velocity=quantity(FINITE, "m/s"), time=quantity(FINITE, "s"))
+    @elementwise(velocity=FINITE, time=FINITE)
     def motion(self, velocity: Number, time: Number) -> tuple[Reals, Reals]:
         """Compute displacement and velocity at a time after the displacement is 0 (Eq. 16).
 
@@ -122,7 +122,7 @@ class Oscillator(Printed, Checked):
         cosine = jnp.cos(frequency * time)
         return decay * sine / frequency, decay * (cosine - loss / frequency * sine)
 
-    @elementwise(intensity=quantity(NON_NEGATIVE, "m/s"), half_cycle=COUNT)
+    @elementwise(intensity=NON_NEGATIVE, half_cycle=COUNT)
     def half_cycle_velocity(self, intensity: Number, half_cycle: Number) -> Reals:
         """Compute the velocity at the beginning of a half-cycle (Eqs. 14, 20 and 21).
 
@@ -149,7 +149,7 @@ class Oscillator(Printed, Checked):
         share = decaying_share_of_one(self._decrement, half_cycle)
         return quotient_or_infinite(jnp.asarray(intensity), share)
 
-    @elementwise(velocity=quantity(NON_NEGATIVE, "m/s"))
+    @elementwise(velocity=NON_NEGATIVE)
     def quarter_cycle_displacement(self, velocity: Number) -> Reals:
         """Compute the displacement at a quarter of the damped period, as printed in Eq. 22.
 
@@ -172,7 +172,7 @@ class Oscillator(Printed, Checked):
         """
         return jnp.exp(-self._decrement / 2) / self.damped_frequency * velocity
 
-    @elementwise(velocity=quantity(NON_NEGATIVE, "m/s"))
+    @elementwise(velocity=NON_NEGATIVE)
     def peak_displacement(self, velocity: Number) -> Reals:
         """Compute the largest displacement, where ``tan(Omega t) = Omega / (xi omega)``.
 
@@ -197,7 +197,7 @@ class Oscillator(Printed, Checked):
         return decay / self.angular_frequency * velocity
 
 
-@elementwise(restitution=quantity(UNIT_INTERVAL, ""))
+@elementwise(restitution=UNIT_INTERVAL)
 def equivalent_damping(restitution: Number) -> Reals:
     """Compute the viscous damping ratio that is equivalent to a coefficient of restitution.
 
@@ -224,7 +224,7 @@ def equivalent_damping(restitution: Number) -> Reals:
     return 0.68 * minus_log(jnp.asarray(restitution))
 
 
-@elementwise(restitution=quantity(UNIT_INTERVAL, ""))
+@elementwise(restitution=UNIT_INTERVAL)
 def equivalent_damping_as_printed(restitution: Number) -> Reals:
     """Compute the damping ratio as printed in Eq. 13: half of `equivalent_damping`.
 

@@ -26,7 +26,7 @@ from ..numerics import (
     one_minus_square,
     quotient,
 )
-from ..validation import Reals, as_text, describe
+from ..validation import Reals, describe
 from .rocking_model import RockingModel
 
 
@@ -205,10 +205,9 @@ def as_model(model: object) -> RockingModel:
     """
     if isinstance(model, RockingModel):
         return model
-    name = as_text(model)
     for kind in (Linearized, Nonlinear):
         # First the class: an array of names is equal to one of them in each of its elements.
-        if isinstance(name, str) and name == kind.name:
+        if isinstance(model, str) and model == kind.name:
             return kind()
     raise ValueError(
         'model must be Linearized(), Nonlinear(), "linearized" or "nonlinear",'

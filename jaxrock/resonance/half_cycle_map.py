@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from ..block import Block
 from ..impact import count_half_cycles, require_linear_law, velocity_after_impact
 from ..numerics import one_minus_square, quotient, quotient_or_infinite, share_of_one
-from ..validation import COUNT, NON_NEGATIVE, Booleans, Number, Reals, elementwise, quantity
+from ..validation import COUNT, NON_NEGATIVE, Booleans, Number, Reals, elementwise
 from .free_rocking import Linearized, ModelLike, as_model
 from .rocking_model import RockingModel
 from .scene import Scene
@@ -42,7 +42,7 @@ def launch_velocity(scene: Scene) -> Reals:
     return scene.block.pulse_velocity(scene.intensity)
 
 
-@elementwise(velocity=quantity(NON_NEGATIVE, "rad/s"))
+@elementwise(velocity=NON_NEGATIVE)
 def next_velocity(scene: Scene, velocity: Number) -> Reals:
     """Apply the half-cycle map, from one launch velocity to the next (Eq. 8).
 

@@ -21,14 +21,13 @@ from ..validation import (
     Reals,
     as_name,
     elementwise,
-    quantity,
 )
 from .free_rocking import Linearized, ModelLike, as_model
 
 
 @elementwise(
     prepare_restitution,
-    restitution=quantity(UNIT_INTERVAL, ""),
+    restitution=UNIT_INTERVAL,
     half_cycles=COUNT,
     model=as_model,
 )
@@ -131,8 +130,8 @@ def critical_width(
 
 @elementwise(
     prepare_restitution,
-    restitution=quantity(UNIT_INTERVAL, ""),
-    intensity=quantity(NON_NEGATIVE, "m/s"),
+    restitution=UNIT_INTERVAL,
+    intensity=NON_NEGATIVE,
     half_cycles=COUNT,
     model=as_model,
 )
@@ -149,8 +148,8 @@ def _width_at_slenderness(
 
 @elementwise(
     prepare_restitution,
-    restitution=quantity(UNIT_INTERVAL, ""),
-    intensity=quantity(NON_NEGATIVE, "m/s"),
+    restitution=UNIT_INTERVAL,
+    intensity=NON_NEGATIVE,
     half_cycles=COUNT,
     model=as_model,
 )
@@ -202,8 +201,8 @@ def _estimate_ratio(weight: Reals) -> Reals:
 
 @elementwise(
     prepare_restitution,
-    restitution=quantity(UNIT_INTERVAL, ""),
-    intensity=quantity(NON_NEGATIVE, "m/s"),
+    restitution=UNIT_INTERVAL,
+    intensity=NON_NEGATIVE,
     half_cycles=COUNT,
     model=as_model,
 )
@@ -287,7 +286,7 @@ def critical_slenderness(
     return jnp.where(representable, estimate * factor, slenderness_beyond)
 
 
-@elementwise(intensity=quantity(NON_NEGATIVE, "m/s"), half_cycles=COUNT, model=as_model)
+@elementwise(intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model)
 def critical_restitution(
     block: Block,
     intensity: Number,

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwise, quantity
+from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwise
 
 
 class RockingModel(eqx.Module):
@@ -78,7 +78,7 @@ class RockingModel(eqx.Module):
         """
         return self._critical_velocity(block)
 
-    @elementwise(velocity=quantity(NON_NEGATIVE, "rad/s"))
+    @elementwise(velocity=NON_NEGATIVE)
     def peak_rotation(self, block: Block, velocity: Number) -> Reals:
         """Compute the largest rotation after a launch (Eqs. 6 and 12).
 
@@ -100,7 +100,7 @@ class RockingModel(eqx.Module):
         """
         return self._compute_where_standing(self._peak_rotation, block, velocity)
 
-    @elementwise(velocity=quantity(NON_NEGATIVE, "rad/s"))
+    @elementwise(velocity=NON_NEGATIVE)
     def half_cycle_duration(self, block: Block, velocity: Number) -> Reals:
         """Compute the time from a launch to the next impact (Eqs. 7 and 9).
 
@@ -122,7 +122,7 @@ class RockingModel(eqx.Module):
         """
         return self._compute_where_standing(self._half_cycle_duration, block, velocity)
 
-    @elementwise(velocity=quantity(NON_NEGATIVE, "rad/s"), time=quantity(FINITE, "s"))
+    @elementwise(velocity=NON_NEGATIVE, time=FINITE)
     def motion(self, block: Block, velocity: Number, time: Number) -> tuple[Reals, Reals]:
         """Compute rotation and angular velocity at a time after a launch (Eq. 5).
 
@@ -154,7 +154,7 @@ class RockingModel(eqx.Module):
         # The velocity is the derivative of the rotation: no model states it a second time.
         return jax.jvp(lambda t: self._rotation(block, x, t), (time,), (jnp.ones_like(time),))
 
-    @elementwise(velocity=quantity(NON_NEGATIVE, "rad/s"), growth=GROWTH)
+    @elementwise(velocity=NON_NEGATIVE, growth=GROWTH)
     def peak_amplification(self, block: Block, velocity: Number, growth: Number) -> Reals:
         """Compute how much higher a block rocks if launched ``1 + growth`` times as fast.
 

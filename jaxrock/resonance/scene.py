@@ -1,7 +1,6 @@
 """The scene of resonance: a block, its restitution, and the pulses that drive it."""
 
 import warnings
-from typing import ClassVar
 
 from ..block import Block
 from ..host import Printed, format_number, format_outside
@@ -46,8 +45,6 @@ class Scene(Printed, Checked):
     half-width 0.4 m, slenderness 5, gravity 9.81 m/s2
     restitution 0.7, pulses of 0.15 m/s
     """
-
-    _maker: ClassVar[str] = "Scene(block, restitution, intensity)"  # as in `check_kind`
 
     block: Block
     restitution: Reals = quantity(UNIT_INTERVAL, "")

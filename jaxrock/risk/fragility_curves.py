@@ -18,7 +18,6 @@ from ..validation import (
     Numbers,
     as_name,
     as_real,
-    as_text,
     check,
     check_kind,
 )
@@ -238,7 +237,7 @@ def _choose_levels(block: Block, measure: str) -> np.ndarray:
 def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
     """Name the thresholds; a `ValueError` if they are not allowed."""
     names = []
-    for threshold in map(as_text, thresholds):
+    for threshold in thresholds:
         if isinstance(threshold, str):
             names.append(as_name("thresholds", threshold, map(str, NAMED_THRESHOLDS)))
         else:

@@ -1,7 +1,5 @@
 """Seismic hazard: the rates per year at which levels of shaking are exceeded."""
 
-from typing import ClassVar
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,7 +18,6 @@ from ..validation import (
     as_field,
     as_name,
     as_real,
-    as_text,
     check,
     check_increasing,
     choose_namespace,
@@ -87,8 +84,6 @@ class Hazard(Printed, Checked):
     statistic: str = eqx.field(static=True, default="")
     unit: str = eqx.field(static=True, default="")
 
-    _reader: ClassVar[str] = "read_hazard"  # for messages, as in `check_kind`
-
     def __init__(
         self,
         levels: Numbers,
@@ -98,8 +93,8 @@ class Hazard(Printed, Checked):
         unit: str = "",
     ):
         self.measure = as_hazard_measure(measure)
-        self.statistic = as_text(statistic)
-        self.unit = as_text(unit)
+        self.statistic = statistic
+        self.unit = unit
         self.levels = check_levels("levels", as_field(Hazard, "levels", levels), 2)
         self.rates = as_field(Hazard, "rates", rates)
         shape = self.levels.shape

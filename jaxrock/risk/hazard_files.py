@@ -19,7 +19,7 @@ from ..tables import (
     quote_word,
     read_columns,
 )
-from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, as_text, check
+from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, check
 from .hazard import HAZARD_MEASURES, Hazard, as_hazard_measure
 from .hazard_sites import CONVENTIONS, Curve, has_sites, read_site
 
@@ -101,18 +101,17 @@ def read_hazard(
     hazard of pga from 0.01 1/yr at 0.1 g to 0.0001 1/yr at 1 g
     """
     measure = as_hazard_measure(measure)
-    unit = as_text(unit)
     given = None if unit is None else parse_unit(unit)
     if given and given.dimension not in ("acceleration", "velocity"):
         raise ValueError(f"unit must be one like 'm/s', 'cm/s', 'm/s2' or 'g', got {unit!r}")
     text = TextFile(Path(path))
     table = Table(text, lambda heads: has_sites(heads) or _has_levels(heads), _EXPECTED)
     if has_sites(table.heads):
-        curve = read_site(table, site, measure, given, as_text(statistic))
+        curve = read_site(table, site, measure, given, statistic)
     elif site is not None:
         raise text.error(f"site goes with a table of several sites only, got {site}")
     else:
-        curve = _read_levels(table, measure, given, as_text(statistic) or "")
+        curve = _read_levels(table, measure, given, statistic or "")
     try:
         levels, rates = _convert(curve)
         return Hazard(levels, rates, curve.measure, curve.statistic, curve.unit)

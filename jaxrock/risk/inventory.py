@@ -20,7 +20,6 @@ from ..validation import (
     Numbers,
     Reals,
     as_real,
-    as_text,
     check,
     check_kind,
     describe,
@@ -119,7 +118,7 @@ class Inventory(Printed, eqx.Module):
         read = as_real("restitution", restitution, unit="")
         objects = gather_objects(kind, read)
         number = objects[1].size
-        self.names = tuple(map(as_text, names))
+        self.names = tuple(map(str, names))
         twice = [name for name in self.names if self.names.count(name) > 1]
         if twice or isinstance(names, str) or objects[1].shape != (len(names),):
             got = f"{twice[0]!r} twice" if twice else f"{names!r:.60}"
@@ -152,7 +151,7 @@ class Inventory(Printed, eqx.Module):
                 raise ValueError(
                     f"{name} must be one for each of {number} objects, got {len(texts)}"
                 )
-        self.remarks = tuple(map(as_text, remarks))
+        self.remarks = tuple(map(str, remarks))
         self.others = tuple((name, tuple(texts)) for name, texts in others.items())
 
     def __len__(self) -> int:

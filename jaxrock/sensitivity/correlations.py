@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..validation import Number, as_real, as_text, carries_unit, check_kind, describe
+from ..validation import Number, as_real, carries_unit, check_kind, describe
 from .parameters import refuse_name
 
 # Two names, in the order in which the coefficients of variation have them.
@@ -97,7 +97,7 @@ def _make_matrix(
 
 def _check_pair(key: Any, names: Sequence[str]) -> Pair:
     """Return a pair in the order of the names; `ValueError` if it is none."""
-    pair = tuple(map(as_text, key)) if isinstance(key, tuple) else ()
+    pair = key if isinstance(key, tuple) else ()
     if len(pair) != 2:
         raise ValueError(f"correlations must have pairs of names as keys, got {describe(key)}")
     for name in pair:

@@ -8,7 +8,7 @@ from ..block import SIDES, Block, size_of
 from ..driven import check_batch
 from ..ground_motion import Motion
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import Number, as_name, as_text, check_kind
+from ..validation import Number, as_name, check_kind
 from .driven_answer import (
     AnswerOfResponse,
     DrivenAnswer,
@@ -75,7 +75,7 @@ def driven_tornado(
         block, restitution, motion, check_answer(answer), as_model(model), scale
     )
     medians = {
-        **size_of(block, choose_description(map(as_text, ranges), "ranges")),
+        **size_of(block, choose_description(ranges, "ranges")),
         "restitution": restitution,
         **list_motion_medians(motion),
         "scale": function.scale,

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..host import Printed, Shown, format_table
 from ..tables import UNITS
-from ..validation import COUNT, as_text, check
+from ..validation import COUNT, check
 from .parameters import Answer, Ranges, check_ranges, label_sides, make_parametric
 
 
@@ -245,7 +245,7 @@ def arrange_bars(values: np.ndarray, ranges: Ranges, sides: tuple[str, ...]) -> 
     # Stable, so that equal bars keep the order in which they were asked for.
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
-    names = tuple(as_text(list(ranges)[k]) for k in order)
+    names = tuple(list(ranges)[k] for k in order)
     value = float(values[0])
     return TornadoBars(names, *ends[order].T, *answers[order].T, value=value, sides=sides)
 
@@ -328,6 +328,4 @@ def derivative_based_measures(
     # (high - low)^2 / pi^2. An answer that does not vary has no variance to divide.
     bound = measure * (high - low) ** 2 / (np.pi**2 * variance) if variance else 0 * measure
     moments = float(values.mean()), float(values.std()), float(1 - finite.mean())
-    return DerivativeBasedMeasures(
-        tuple(map(as_text, ranges)), slope, measure, bound, *moments
-    )
+    return DerivativeBasedMeasures(tuple(ranges), slope, measure, bound, *moments)

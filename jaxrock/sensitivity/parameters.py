@@ -23,7 +23,6 @@ from ..block import (
 from ..validation import (
     Number,
     as_real,
-    as_text,
     carries_unit,
     check_concrete,
     check_kind,
@@ -134,7 +133,7 @@ def make_parametric(
     paths = [path for path, _ in leaves]
     if isinstance(varied, Mapping):
         check_ranges(varied)
-    varied = None if varied is None else tuple(map(as_text, varied))
+    varied = None if varied is None else tuple(varied)
     descriptions = _find_descriptions(at, paths, varied, argument, sides)
     names = _name_parameters(paths, descriptions)
     # A block has other sizes as well, in place of half-width and slenderness.

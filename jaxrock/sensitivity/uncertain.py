@@ -16,7 +16,6 @@ from ..validation import (
     Number,
     Numbers,
     as_real,
-    as_text,
     carries_unit,
     check,
     check_kind,
@@ -322,7 +321,6 @@ def list_single_coefficients(uncertain: Uncertain) -> dict[str, float]:
 
 def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[float, ...]]:
     """Return a name and its coefficients as plain numbers; `ValueError` if not allowed."""
-    name = as_text(name)
     if not isinstance(name, str):
         raise ValueError(f"{ARGUMENT} must have names as keys, got {describe(name)}")
     # A unit would be lost: a name of a parameter does not tell its own.

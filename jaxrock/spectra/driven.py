@@ -45,11 +45,9 @@ from ..validation import (
     Reals,
     as_flag,
     as_real,
-    carries_unit,
     check,
     check_concrete,
     check_kind,
-    convert_to_si,
 )
 from .restitutions import estimate_restitution, take_magnitudes
 
@@ -152,8 +150,7 @@ def rocking_spectrum(  # noqa: PLR0913
         raise ValueError(f"either slenderness or critical_angle must be given, got {given}")
     # By the domain of the slenderness an angle beyond pi / 2 would only be called negative.
     if critical_angle is not None:
-        if carries_unit(critical_angle):
-            critical_angle = convert_to_si("critical_angle", critical_angle, "rad")
+        as_real("critical_angle", critical_angle, unit="rad")  # raises for what is no number
         angle = np.asarray(critical_angle, float)
         check("critical_angle", angle, RIGHT_ANGLE)
         slenderness = 1 / np.tan(angle)

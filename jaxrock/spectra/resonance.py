@@ -16,7 +16,7 @@ from ..block import RECTANGLE_INERTIA_RATIO, Block, warn_of_size
 from ..grids import Grid, GridVariable, Values, apply_in_tiles, as_axis, list_points
 from ..host import count_processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
-from ..validation import AT_LEAST_ONE, POSITIVE, as_flag, as_real, as_text, check
+from ..validation import AT_LEAST_ONE, POSITIVE, as_flag, as_real, check
 from .restitutions import take_magnitudes
 
 if TYPE_CHECKING:
@@ -126,8 +126,7 @@ def resonance_spectrum(  # noqa: PLR0913
     shared = [as_real("gravity", gravity), as_real("inertia_ratio", inertia_ratio, unit="")]
     for name, value, domain in zip(constants, shared, (POSITIVE, AT_LEAST_ONE), strict=True):
         check(name, value, domain)
-    model_name = as_text(model)
-    is_auto = isinstance(model_name, str) and model_name == "auto"
+    is_auto = isinstance(model, str) and model == "auto"
     single = None if is_auto else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if devices and chunks is not None:

@@ -34,7 +34,6 @@ from ..validation import (
     Number,
     Reals,
     elementwise,
-    quantity,
 )
 
 
@@ -168,8 +167,8 @@ def require_two_sides(arguments: dict[str, Any]) -> None:
 
 @elementwise(
     require_two_sides,
-    restitution=quantity(UNIT_INTERVAL, ""),
-    frequency=quantity(POSITIVE, "rad/s"),
+    restitution=UNIT_INTERVAL,
+    frequency=POSITIVE,
 )
 def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the least amplitude of a harmonic floor that keeps the linearized block rocking.
@@ -212,8 +211,8 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
 
 @elementwise(
     require_two_sides,
-    restitution=quantity(UNIT_INTERVAL, ""),
-    frequency=quantity(POSITIVE, "rad/s"),
+    restitution=UNIT_INTERVAL,
+    frequency=POSITIVE,
 )
 def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the amplitude beyond which steady rocking is no longer symmetric.

@@ -22,7 +22,6 @@ from ..validation import (
     Reals,
     elementwise,
     is_traced,
-    quantity,
     unify_precision,
 )
 from .harmonic_linearized import (
@@ -166,9 +165,9 @@ class _Quantities(NamedTuple):
 
 @elementwise(
     require_two_sides,
-    restitution=quantity(UNIT_INTERVAL, ""),
-    amplitude=quantity(NON_NEGATIVE, "m/s2"),
-    frequency=quantity(POSITIVE, "rad/s"),
+    restitution=UNIT_INTERVAL,
+    amplitude=NON_NEGATIVE,
+    frequency=POSITIVE,
     model=as_model,
 )
 def _compute_quantities(

@@ -9,6 +9,7 @@ from .arrays import Numbers as Numbers
 from .arrays import Reals as Reals
 from .arrays import as_array as as_array
 from .arrays import as_real as as_real
+from .arrays import carries_unit as carries_unit
 from .arrays import check_concrete as check_concrete
 from .arrays import choose_namespace as choose_namespace
 from .arrays import describe as describe
@@ -37,7 +38,3 @@ from .guarding import guard_once as guard_once
 from .guarding import replace_invalid as replace_invalid
 from .names import as_flag as as_flag
 from .names import as_name as as_name
-from .names import as_text as as_text
-from .names import require_names as require_names
-from .units import carries_unit as carries_unit
-from .units import convert_to_si as convert_to_si

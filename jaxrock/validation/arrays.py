@@ -14,8 +14,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Real
 from typing_extensions import TypeAliasType
 
-from .units import carries_unit, convert_to_si
-
 # Signatures in `help` show these by name instead of all that they stand for.
 Number = TypeAliasType("Number", Real[ArrayLike, "..."])
 
@@ -78,6 +76,20 @@ def as_array(value: Any) -> Array:
     return jnp.asarray(value)
 
 
+def carries_unit(value: object) -> bool:
+    """Return whether a value, or one in a list, carries a unit, which NumPy and JAX drop.
+
+    Quantities of astropy and unyt and labelled arrays of xarray lose it without a word, those
+    of pint with a warning.
+    """
+    # By the class: a module of ours, or a Python number, has no such attribute. Of a list one
+    # of each class, since it may be a million numbers.
+    if isinstance(value, list | tuple):
+        return any(map(carries_unit, {type(part): part for part in value}.values()))
+    has_unit = hasattr(type(value), "units") or hasattr(type(value), "unit")
+    return has_unit or "units" in getattr(value, "attrs", ())
+
+
 def as_real(name: str, value: object, *, unit: str | None = None) -> Array:
     """Make `value` an array of floating-point numbers; Python numbers stay weakly typed.
 
@@ -86,10 +98,9 @@ def as_real(name: str, value: object, *, unit: str | None = None) -> Array:
     name : str
         Name of the argument, for the message.
     value : array_like
-        Numbers in SI, or a quantity with a unit.
+        Numbers in SI.
     unit : str, optional
-        Unit of the argument in SI, such as "m/s2"; "" if it is a plain number. None if the
-        argument takes no quantity with a unit.
+        Unit of the argument in SI, such as "m/s2", for the message.
 
     Returns
     -------
@@ -98,12 +109,12 @@ def as_real(name: str, value: object, *, unit: str | None = None) -> Array:
     Raises
     ------
     ValueError
-        If it is none, or has a unit that cannot be converted. The error names the argument.
+        If it is none, or carries a unit. The error names the argument.
     """
-    # Quantities with units (of pint, astropy, unyt) would lose them without a word.
+    allowed = "a real number or an array of them, in float32 or float64"
     if carries_unit(value):
-        value = convert_to_si(name, value, unit)
-
+        allowed = f"a plain number in {unit or 'SI'}, without a unit attached"
+        raise ValueError(f"{name} must be {allowed}, got {describe(value)}")
     # What NumPy and JAX say of a value that is no array would not name the argument.
     with contextlib.suppress(TypeError, ValueError, OverflowError):
         array = as_array(float(value) if isinstance(value, int | float) else value)
@@ -112,12 +123,6 @@ def as_real(name: str, value: object, *, unit: str | None = None) -> Array:
                 return array * 1.0  # weakly typed: it takes the precision of other arguments
         if array.dtype in (jnp.float32, jnp.float64):
             return array
-        if jnp.issubdtype(array.dtype, jnp.floating):
-            value = array.dtype
-
-    allowed = "a real number or an array of them"
-    if isinstance(value, np.dtype):
-        allowed += ", in float32 or float64"
     raise ValueError(f"{name} must be {allowed}, got {describe(value)}")
 
 
@@ -132,15 +137,10 @@ def describe(value: object) -> str:
         return f"the class {value.__name__}"
     if isinstance(value, eqx.Module):
         return add_article(type(value).__name__)
-    if isinstance(value, list | tuple) and value:
-        rows = [row for row in value if isinstance(row, list | tuple) or np.ndim(row)]
-        lengths = sorted({len(row) for row in rows})
-        if lengths[1:]:
-            return f"rows of different lengths, {lengths[0]} to {lengths[-1]}"
-        if isinstance(value[0], eqx.Module):
-            return f"a list of {len(value)} {type(value[0]).__name__}s"
-    words = " ".join(repr(value).split())
-    return words if len(words) <= 60 else f"{words[:57]}..."
+    if isinstance(value, list | tuple) and value and isinstance(value[0], eqx.Module):
+        return f"a list of {len(value)} {type(value[0]).__name__}s"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def unify_precision(tree: _T) -> _T:

@@ -7,12 +7,10 @@ the domain.
 import dataclasses
 import functools
 import inspect
-import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, TypeGuard
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -45,14 +43,14 @@ GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 # A field specifier of a dataclass has to pass for a value of any field: hence `Any`.
 def quantity(domain: Domain | None, unit: str | None = None, own_axes: int = 0) -> Any:
-    """Declare a field of a `Checked` module, or an argument of an elementwise function.
+    """Declare a field of a `Checked` module.
 
     Parameters
     ----------
     domain : Domain, optional
         None allows all values.
     unit : str, optional
-        In SI, as it is printed; "" for a plain number. None takes no quantity with a unit.
+        In SI, as it is printed; "" for a plain number.
     own_axes : int
         How many axes, the last ones, belong to the quantity itself and to no batch.
 
@@ -124,14 +122,8 @@ def list_fields(module: type[Checked]) -> list[Declaration]:
 
 
 def as_field(module: type[Checked], name: str, value: object) -> Array:
-    """Make the value of a field an array, as `as_real` does, in the unit of its declaration."""
-    return as_real(name, value, unit=_list_units(module)[name])
-
-
-@functools.cache
-def _list_units(module: type[Checked]) -> dict[str, str | None]:
-    """List the units of the fields of a class by their names."""
-    return {field.name: field.unit for field in list_fields(module)}
+    """Make the value of a field an array, as `as_real` does."""
+    return as_real(name, value, unit=module.__dataclass_fields__[name].metadata["unit"])
 
 
 def iterate_quantities(module: Checked) -> Iterator[tuple[str, object, Domain, str]]:
@@ -223,58 +215,8 @@ def _list_shapes(
 
 # `Callable` is a kind as well, but no `type` for type checkers: hence `Any`.
 def check_kind(name: str, value: object, *kinds: Any, hint: str = "") -> None:
-    """Check that a value is of one of these classes.
-
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for the message.
-    value : object
-    *kinds : type
-        A class may say what makes one of it: in `_reader` the function that reads one from
-        files, in `_element` the class of which it takes a list, in `_maker` the call, in
-        `_sample_maker` the one that takes an array of samples.
-    hint : str
-        What to do, where the value and the classes do not tell.
-
-    Raises
-    ------
-    ValueError
-        If the value is of another class.
-    """
+    """Raise `ValueError` if a value is of none of these classes; `hint` says what to do."""
     if isinstance(value, kinds):
         return
     names = [add_article("function" if kind is Callable else kind.__name__) for kind in kinds]
-    hint = _find_way_out(value, kinds) or hint
-    if isinstance(value, list | tuple) and any(isinstance(part, kinds) for part in value):
-        hint = hint or f"; one {kinds[0].__name__} of arrays stands for many"
-    raise ValueError(f"{name} must be {_join_by_or(names)}, got {describe(value)}{hint}")
-
-
-def _join_by_or(words: Sequence[str]) -> str:
-    """Join alternatives as in a sentence: a, b or c."""
-    if len(words) < 2:
-        return "".join(words)
-    return f"{', '.join(words[:-1])} or {words[-1]}"
-
-
-def _find_way_out(value: object, kinds: Sequence[type]) -> str:
-    """Name what likely was meant for a value of another class; empty if unknown."""
-    if inspect.isclass(value) and issubclass(value, tuple(kinds)):
-        return f"; {value.__name__}(...) makes one"
-    if isinstance(value, str | os.PathLike):
-        # Of a class itself: a file of a motion is no file of a pulse.
-        readers = [vars(kind)["_reader"] for kind in kinds if "_reader" in vars(kind)]
-        return f"; {_join_by_or(readers)} reads one from files" if readers else ""
-    is_list = isinstance(value, list | tuple)
-    parts = list(value) if is_list else [value]
-    for kind in kinds:
-        element = getattr(kind, "_element", None)
-        if element is not None and parts and all(isinstance(part, element) for part in parts):
-            content = "..." if is_list else element.__name__.lower()
-            return f"; {kind.__name__}([{content}]) makes one"
-        if "_sample_maker" in vars(kind) and isinstance(value, np.ndarray | jax.Array):
-            return f"; {kind._sample_maker} makes one"
-        if hasattr(kind, "_maker"):
-            return f"; {kind._maker} makes one"
-    return ""
+    raise ValueError(f"{name} must be {' or '.join(names)}, got {describe(value)}{hint}")

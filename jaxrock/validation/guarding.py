@@ -7,11 +7,10 @@ neither their neighbours nor the derivatives of these are affected.
 
 import contextlib
 import contextvars
-import dataclasses
 import functools
 import inspect
 import operator
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, ParamSpec, TypeVar, cast
 
 import equinox as eqx
@@ -19,16 +18,7 @@ import jax
 import jax.numpy as jnp
 
 from .arrays import Booleans, as_real
-from .domains import (
-    Checked,
-    Domain,
-    check,
-    check_kind,
-    check_shapes,
-    is_checked,
-    list_fields,
-    quantity,
-)
+from .domains import Checked, Domain, check, check_kind, check_shapes, is_checked, list_fields
 
 _P = ParamSpec("_P")
 
@@ -73,16 +63,16 @@ def replace_invalid(value: _T, domain: Domain | None = None) -> tuple[_T, Boolea
         True, not an array, where nothing had to be guarded.
     """
     if isinstance(value, Checked):
-        parts = []
+        all_valid: Booleans | bool = True
         for field in list_fields(type(value)):
             part, valid = replace_invalid(vars(value)[field.name], field.domain)
             # Only what has changed is replaced: what has been guarded already is known by its
             # identity.
             if valid is not True:
-                name = field.name
-                value = eqx.tree_at(lambda m, name=name: getattr(m, name), value, part)
-            parts.append(valid)
-        return value, _combine_validity(parts)
+                get_part = operator.attrgetter(field.name)
+                value = eqx.tree_at(get_part, value, part)
+                all_valid = _combine_validity(all_valid, valid)
+        return value, all_valid
 
     guarded = _guarded_values.get()
     # By identity, not by value: tracers cannot be compared.
@@ -98,30 +88,14 @@ def replace_invalid(value: _T, domain: Domain | None = None) -> tuple[_T, Boolea
     return value, cast("jax.Array", valid)
 
 
-def _combine_validity(parts: Iterable[Booleans | bool]) -> Booleans | bool:
-    """Tell where all parts are valid; True, no array, where nothing had to be guarded."""
-    guarded = [valid for valid in parts if valid is not True]
-    return functools.reduce(operator.and_, guarded or [True])
-
-
-def _check_argument(
-    name: str, value: object, kind: type[Checked], function: Callable[..., object]
-) -> None:
-    """Check the kind of an argument; name the parts of a module that has such a part."""
-    hint = ""
-    if isinstance(value, Checked) and not isinstance(value, kind):
-        fields = {field.name for field in list_fields(type(value))}
-        parts = [part for part in inspect.signature(function).parameters if part in fields]
-        if name in parts:
-            whole = type(value).__name__.lower()
-            listed = ", ".join(f"{whole}.{part}" for part in parts)
-            hint = f"; write {function.__name__}({listed})"
-    check_kind(name, value, kind, hint=hint)
+def _combine_validity(first: Booleans | bool, second: Booleans | bool) -> Booleans | bool:
+    """Combine two masks; True, no array, where nothing had to be guarded."""
+    return second if first is True else first if second is True else first & second
 
 
 def elementwise(  # noqa: C901
     *prepare: Callable[[dict[str, Any]], None],
-    **declared: Domain | dataclasses.Field | Callable[..., object],
+    **declared: Domain | Callable[..., object],
 ) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """Guard the arguments of an elementwise function.
 
@@ -133,10 +107,9 @@ def elementwise(  # noqa: C901
     ----------
     *prepare : callable
         Functions of all arguments, which may replace some before values are checked.
-    **declared : quantity, Domain or callable
-        By the names of the arguments: a `quantity`, with its domain and unit; the domain of an
-        argument that takes no unit; or a function that converts the argument. `Checked`
-        modules are not declared; they are recognized by the annotation.
+    **declared : Domain or callable
+        By the names of the arguments: the domain of a number, or a function that converts the
+        argument. `Checked` modules are not declared; they are recognized by the annotation.
 
     Returns
     -------
@@ -144,32 +117,21 @@ def elementwise(  # noqa: C901
         Keeps the docstring, in which the domains are to be found in words. The attribute
         `guards` of a decorated function has the domains by argument.
     """
-    guards: dict[str, Domain] = {}
-    converters: dict[str, Callable[..., object]] = {}
-    for name, declaration in declared.items():
-        if isinstance(declaration, Domain):
-            declaration = quantity(declaration)
-        if isinstance(declaration, dataclasses.Field):
-            unit = declaration.metadata["unit"]
-            guards[name] = declaration.metadata["domain"]
-            converters[name] = functools.partial(as_real, name, unit=unit)
-        else:
-            converters[name] = declaration
+    guards = {name: part for name, part in declared.items() if isinstance(part, Domain)}
+    converters = {name: part for name, part in declared.items() if callable(part)}
 
     def decorate(function: Callable[_P, _R]) -> Callable[_P, _R]:  # noqa: C901
         signature = inspect.signature(function)
-        given = signature.parameters.items()
-        kinds = {name: of.annotation for name, of in given if is_checked(of.annotation)}
+        parameters = signature.parameters.values()
+        kinds = {p.name: p.annotation for p in parameters if is_checked(p.annotation)}
 
-        def call_masked(arguments: dict[str, object]) -> _R:
+        def call_masked(arguments: dict[str, Any]) -> _R:
             """Call the function with stand-ins, and write NaN where they stood."""
-            pairs = {
-                name: replace_invalid(value, guards.get(name))
-                for name, value in arguments.items()
-            }
-            valid = _combine_validity(ok for _, ok in pairs.values())
-            inner = cast("Callable[..., _R]", function)
-            result = inner(**{name: value for name, (value, _) in pairs.items()})
+            valid: Booleans | bool = True
+            for name, value in arguments.items():
+                arguments[name], part = replace_invalid(value, guards.get(name))
+                valid = _combine_validity(valid, part)
+            result = cast("Callable[..., _R]", function)(**arguments)
             if valid is True:
                 return result
             return jax.tree.map(lambda leaf: jnp.where(valid, leaf, jnp.nan), result)
@@ -187,17 +149,15 @@ def elementwise(  # noqa: C901
             try:
                 bound = signature.bind(*args, **kwargs)
             except TypeError as error:
-                # Of too many or too few arguments the first are often of another kind.
-                for name, value in zip(signature.parameters, args, strict=False):
-                    if name in kinds:
-                        _check_argument(name, value, kinds[name], function)
                 takes = ", ".join(signature.parameters)
                 raise TypeError(f"{function.__name__}({takes}): {error}") from None
             bound.apply_defaults()
             arguments = bound.arguments
             # Kinds before values before shapes: the first message is about the gravest error.
             for name, kind in kinds.items():
-                _check_argument(name, arguments[name], kind, function)
+                check_kind(name, arguments[name], kind)
+            for name in guards:
+                arguments[name] = as_real(name, arguments[name])
             for name, convert in converters.items():
                 arguments[name] = convert(arguments[name])
             for replace in prepare:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...tables import NamedFile, TextFile, quote_names
-from ...validation import as_text
 from ..record import Record
 from .at2 import read_at2
 from .components import Caller, Component, NotAcceleration, make_caller, make_record
@@ -166,8 +165,6 @@ def read_record(
     >>> print(f"{record.samples} samples, {record.time_step:.2f} s apart")
     6001 samples, 0.01 s apart
     """
-    column = as_text(column)
-    vertical = as_text(vertical)
     given = {"path": path, "column": column or "", "vertical": vertical or ""}
     for name, value in given.items():
         if not isinstance(value, str | os.PathLike):
