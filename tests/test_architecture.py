@@ -72,13 +72,13 @@ CODE_LINES = {
     "sensitivity": 1747,
     "calibration": 1653,
     "calibration/outcomes": 1655,
-    "accuracy": 644,
+    "accuracy": 461,
     "grids": 752,
     "spectra": 838,
     "risk": 2148,
     "plot": 1076,
     "reports": 330,
-    "cli": 1045,
+    "cli": 1046,
 }
 
 

@@ -380,7 +380,7 @@ def test_tradeoff(capsys, tmp_path):
     pulse = ("--amplitude", 40, "--pulse-duration", 0.01, "--out", tmp_path / "t")
     code, text, _ = run(capsys, *command, *pulse)
     assert code == 0
-    assert "for 1e-04 use" in text
+    assert "nonlinear in float64" in text
     assert_follows_cf(tmp_path / "t" / "tradeoff.nc")
 
 

@@ -302,7 +302,6 @@ ANSWERS = {
     jr.sensitivity.Sensitivities,
     jr.overturning.SurvivalWindows,
     jr.sensitivity.TornadoBars,
-    jr.accuracy.Tradeoff,
     jr.risk.OverturningRate,
     jr.risk.RateElasticities,
     jr.grids.Stored,

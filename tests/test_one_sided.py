@@ -355,7 +355,7 @@ def test_choice_for_driven_motion():
 def test_measured_trade():
     """The period by the integrator is that of the closed form."""
     trade = jr.accuracy.measure_tradeoff(jr.Scene(WALL, C, 0.3), repeats=1)
-    error = trade.dataset.error.where(trade.dataset.level == "adaptive")
+    error = trade.error.where(trade.level == "adaptive")
     assert float(error.min()) < 1e-10
 
 

@@ -35,7 +35,7 @@ def test_a_number_or_the_range_of_an_array_and_its_unit(value, pieces):
         (lambda c: jr.DrivenScene(BLOCK, c, SINE), ["restitution 0.7", "3 m/s2", "0.5 s"]),
         (lambda c: jr.Record(c * jnp.array([0.0, 1.0]), 0.1), ["2 samples", "0.1 s"]),
         (lambda c: jr.resonance.Oscillator(6.0, c), ["6 rad/s", "damping ratio 0.7"]),
-        (lambda c: jr.model_error(jr.Scene(BLOCK, c, 0.1)), ["linearizing", "rotation"]),
+        (lambda c: jr.model_error(jr.Scene(BLOCK, c, 0.1)), ["linearization", "rotation"]),
         (lambda c: jr.respond_batch(BLOCK, c, SINE), ["overturned", "no"]),
         (lambda c: jr.respond_to_train(BLOCK, c, [0.0], [0.1]), ["overturned", "no"]),
     ],

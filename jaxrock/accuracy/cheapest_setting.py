@@ -22,23 +22,25 @@ from ..validation import (
     check,
     check_concrete,
     check_kind,
-    describe,
     is_traced,
 )
-from .model_errors import Answers, ModelError, model_error
+from .model_errors import Answers, model_error
 
 
 @dataclass(frozen=True, repr=False)
 class Setting(Printed):
-    """Level of fidelity, precision and tolerance with which an answer is computed."""
+    """Level of fidelity, precision, tolerance, solver and size of batch of a computation."""
 
     level: str  # linearized, nonlinear, pulsed, batch or adaptive
     bits: int
-    rtol: float = 0.0  # of the batch
+    rtol: float = 0.0  # of batch and adaptive
+    solver: str = "-"  # of adaptive
+    batch: int = 1
 
     def __str__(self) -> str:
+        solver = f" with {self.solver}" if self.solver != "-" else ""
         rtol = f" at rtol {self.rtol:g}" if self.rtol else ""
-        return f"{self.level}{rtol} in float{self.bits}"
+        return f"{self.level}{solver}{rtol} in float{self.bits}"
 
 
 # From the cheapest on, as `measure_tradeoff` finds them: `choose` takes the first that is
@@ -61,49 +63,25 @@ class Choice(Printed, eqx.Module):
         Predicted bound on the relative error of this setting.
     within_tolerance : Array of bool
         Whether `error` is within the tolerance. If not, the setting is the most accurate one.
-    tolerance : float
-        The relative tolerance.
     settings : tuple of Setting
         All settings that were compared, the cheapest first: level of fidelity, bits, and rtol
         of the batch.
-    reasons : tuple of str
-        For a single scene, the error that each simplification causes, in words.
     """
 
     index: Integers
     error: Reals
     within_tolerance: Booleans
-    tolerance: float = eqx.field(static=True)
     settings: tuple[Setting, ...] = eqx.field(static=True)
-    reasons: tuple[str, ...] = eqx.field(static=True)
 
     @property
     def setting(self) -> Setting:
-        """The setting for a single scene.
-
-        Raises
-        ------
-        ValueError
-            If there are several scenes.
-        """
-        if jnp.ndim(self.index):
-            raise ValueError(f"setting needs a single scene, got {jnp.shape(self.index)}")
+        """The setting for a single scene."""
         return self.settings[int(self.index)]
 
     def __str__(self) -> str:
-        # A traced choice has no values to count or compare.
-        if is_traced(self.index):
+        if is_traced(self.index) or jnp.ndim(self.index):
             return format_fields(self, index="", error="", within_tolerance="")
-        if jnp.ndim(self.index):
-            counts = np.bincount(np.ravel(self.index), minlength=len(self.settings))
-            by_setting = zip(counts, self.settings, strict=True)
-            lines = [f"{count:6} {setting}" for count, setting in by_setting if count]
-            beyond = int(np.sum(~np.asarray(self.within_tolerance)))
-            return "\n".join([*lines, f"{beyond:6} of them beyond {self.tolerance:g}"])
-        verdict = f"{self.setting}: off by at most {float(self.error):.1e}"
-        if not self.within_tolerance:
-            verdict = f"no setting is within {self.tolerance:g}; the best is {verdict}"
-        return "\n".join([verdict, *self.reasons])
+        return f"{self.setting}: off by at most {float(self.error):.1e}"
 
 
 def choose(
@@ -162,29 +140,26 @@ def choose(
             )
         return _choose_rtol(scene, tolerance)
     check_kind("scene", scene, Scene, DrivenScene)
-    wide = jnp.result_type(float) == jnp.float64
-    # Costs are computed in 64 bits where they are on offer, whatever the scene has.
-    exact: Scene = (
-        jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene) if wide else scene
-    )
+    widest = int(jnp.finfo(jnp.result_type(float)).bits)
+    # Costs are computed in the widest precision on offer, whatever the scene has.
+    exact: Scene = scene
+    if widest == 64:
+        exact = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
     predicted = model_error(exact, shape, duration)
-    settings = tuple(setting for setting in CLOSED if wide or setting.bits == 32)
-    errors = [
-        _find_largest(predicted.total(setting.level, setting.bits)) for setting in settings
-    ]
+    settings = tuple(setting for setting in CLOSED if setting.bits <= widest)
+    errors = [_find_largest(predicted.total(each.level, each.bits)) for each in settings]
     if shape is not None:
-        settings += (Setting("pulsed", 64 if wide else 32),)
+        settings += (Setting("pulsed", widest),)
         # Rounding to float32 is a slip of the intensity, too. Its cost, in proportion to the
         # slips, is that of `pulsed_phase`: another closed form need not be computed.
         slip = _PULSED_SLIP / float(jnp.finfo(jnp.float32).eps)
         errors.append(slip * _find_largest(predicted.rounding["nonlinear"][32]))
     table = jnp.stack(errors)
-    keeps = table <= tolerance
-    # The first that keeps the tolerance, element by element; the best where none does.
-    index = jnp.where(keeps.any(axis=0), jnp.argmax(keeps, axis=0), jnp.argmin(table, axis=0))
+    within = table <= tolerance
+    # The first within the tolerance, element by element; the best where there is none.
+    index = jnp.where(within.any(axis=0), within.argmax(axis=0), table.argmin(axis=0))
     error = jnp.take_along_axis(table, index[None], axis=0)[0]
-    reasons = () if index.ndim else _explain(predicted, shape)
-    return Choice(index, error, keeps.any(axis=0), tolerance, settings, reasons)
+    return Choice(index, error, within.any(axis=0), settings)
 
 
 def _find_largest(errors: Answers) -> Reals:
@@ -192,50 +167,15 @@ def _find_largest(errors: Answers) -> Reals:
     return functools.reduce(jnp.maximum, jax.tree.leaves(errors))
 
 
-def _explain(predicted: ModelError, shape: type[Pulse] | None) -> tuple[str, ...]:
-    """Say in sentences what each simplification of a single scene costs."""
-    causes = {"linearizing": predicted.linearization}
-    if shape is not None:
-        causes["taking the pulses as instantaneous"] = predicted.duration
-        causes["the uncertainty of that estimate"] = predicted.duration_bound
-    causes["rounding to float32 (upper bound)"] = predicted.rounding["nonlinear"][32]
-    lines: list[str] = []
-    for cause, errors in causes.items():
-        parts = (
-            f"{'an unbounded error' if jnp.isinf(error) else f'{100 * float(error):.2g} %'}"
-            f" of the {answer.replace('_', ' ')}"
-            for answer, error in vars(errors).items()
-        )
-        lines.append(f"{cause} costs {', '.join(parts)}")
-    return tuple(lines)
-
-
-def _explain_estimate(error: float) -> str:
-    """Say in a sentence what the error of a single driven scene was estimated from."""
-    if np.isinf(error):
-        return "a less accurate simulation diverges, perhaps since impacts amplify rounding"
-    return "estimated from a less accurate simulation, which does not diverge"
-
-
 def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     """Choose the tolerance of the batch by a trial: no closed form predicts driven motion."""
-    motion = scene.motion
-    if not isinstance(motion, Pulse | Harmonic | Record):
-        raise ValueError(
-            f"motion must be a pulse, a Harmonic or a Record, got {describe(motion)}"
-        )
-    within = respond_within(scene.block, scene.restitution, motion, tolerance)
+    check_kind("motion", scene.motion, Pulse, Harmonic, Record)
+    within = respond_within(scene.block, scene.restitution, scene.motion, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
     levels = np.array(TOLERANCES[bits])
     # Tolerances fall: the number of those above the cheapest is its place among them.
     index = jnp.asarray((np.asarray(within.cheapest)[..., None] < levels).sum(axis=-1))
     # The trial shows that a looser tolerance is good enough, but not by how much.
     error = jnp.where(within.cheapest > within.rtol, tolerance, within.error)
-    return Choice(
-        index,
-        error,
-        within.within_tolerance,
-        tolerance,
-        tuple(Setting("batch", bits, level) for level in levels.tolist()),
-        () if index.ndim else (_explain_estimate(float(within.error)),),
-    )
+    settings = tuple(Setting("batch", bits, level) for level in levels.tolist())
+    return Choice(index, error, within.within_tolerance, settings)

@@ -4,6 +4,7 @@ The truth is the nonlinear equation under pulses of finite duration. Three thing
 linearizing, taking pulses as instantaneous, and single precision.
 """
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -48,11 +49,23 @@ _MIN_SLENDERNESS = 0.5
 _VELOCITY = 0.3
 _TIME = 0.35
 _CRITICAL = 0.2
-# Of pulses of duration and intensity 1: the centroid, the integral of the pulse times its
-# second integral, and a slack for those that start weakly. Under a half-sine a block launched
-# with less than 3 e^2 (1 - C) / (4 pi^2) of the velocity comes back at once; that velocity may
-# be half of what is estimated.
-_PULSES = {None: (0.0, 0.0, 0.0), Rectangular: (0.5, 1 / 6, 0.0), HalfSine: (0.5, 0.125, 0.2)}
+
+
+class _Pulse(NamedTuple):
+    """Numbers of a pulse of duration and intensity 1."""
+
+    centroid: Number
+    work: Number  # the integral of the pulse times its second integral
+    slack: Number
+
+
+# Under a half-sine a block launched with less than 3 e^2 (1 - C) / (4 pi^2) of the velocity
+# comes back at once; that velocity may be half of what is estimated: hence the slack.
+_PULSES = {
+    None: _Pulse(0.0, 0.0, 0.0),
+    Rectangular: _Pulse(0.5, 1 / 6, 0.0),
+    HalfSine: _Pulse(0.5, 0.125, 0.2),
+}
 # Rounding of the closed forms, as a change of the intensity in units of the last place, and of
 # the answer beside. Comparisons with 70 digits find 2 (1 + K), K the condition number.
 _ROUNDINGS = 3.5
@@ -102,16 +115,8 @@ class ModelError(Printed, eqx.Module):
     rounding: dict[str, dict[int, Answers]]
 
     def __str__(self) -> str:
-        rows = {
-            "linearizing": self.linearization,
-            "instantaneous pulses": self.duration,
-            "  uncertainty of that": self.duration_bound,
-        } | {
-            f"{model} in float{bits}": errors
-            for model, by_bits in self.rounding.items()
-            for bits, errors in by_bits.items()
-        }
-        return "\n".join(f"{name:24}{errors}" for name, errors in rows.items())
+        rows = vars(self).items()
+        return "\n".join(f"{name.replace('_', ' '):20}{errors}" for name, errors in rows)
 
     def total(self, model: str, bits: int) -> Answers:
         """Bound on the error of a model in a precision; inf where nothing is known.
@@ -134,29 +139,26 @@ class ModelError(Printed, eqx.Module):
             If there is no such model.
         """
         model = as_name("model", model, self.rounding)
-        # Linearizing is the ratio of two computed answers, each rounded as the scene was
-        # given.
-        own_bits = int(jnp.finfo(self.linearization.period.dtype).bits)
+        linearization = self.linearization
         roundings = [self.rounding[model][bits]]
-        share = self.linearization
         if model == "linearized":
+            # The ratio of two computed answers, each rounded as the scene was given.
+            own_bits = int(jnp.finfo(linearization.period.dtype).bits)
             roundings += [by_bits[own_bits] for by_bits in self.rounding.values()]
         else:
-            share = jax.tree.map(jnp.zeros_like, share)
+            linearization = jax.tree.map(jnp.zeros_like, linearization)
 
-        def add_costs(
-            simpler: Reals, duration: Reals, bound: Reals, *roundings: Reals
-        ) -> Reals:
+        def add_costs(first: Reals, second: Reals, bound: Reals, *roundings: Reals) -> Reals:
             """Add the costs of one answer, as errors of factors that are multiplied."""
-            # (1 + simpler) (1 + duration) - 1 without the loss of digits; the bound is on
-            # `duration`.
-            known = jnp.isfinite(simpler + duration)
-            total = jnp.abs(simpler + duration + simpler * duration) + bound * (1 + simpler)
+            # (1 + first) (1 + second) - 1 without the loss of digits; the bound is on `second`.
+            total = jnp.abs(first + second + first * second) + bound * (1 + first)
             for rounding in roundings:  # each of what the others have left
                 total = total + rounding * (1 + total)
-            return jnp.where(known, total, jnp.inf)
+            return jnp.where(jnp.isfinite(first + second), total, jnp.inf)
 
-        return jax.tree.map(add_costs, share, self.duration, self.duration_bound, *roundings)
+        return jax.tree.map(
+            add_costs, linearization, self.duration, self.duration_bound, *roundings
+        )
 
 
 def model_error(
@@ -215,70 +217,55 @@ def model_error(
     # Broadcast here, so that what is compiled depends on the shape of the result alone.
     leaves, structure = jax.tree.flatten(unify_precision((scene, duration)))
     scene, duration = jax.tree.unflatten(structure, jnp.broadcast_arrays(*leaves))
-    return _compute_model_error(scene, duration, *_PULSES[shape])
-
-
-class _PulseEffect(NamedTuple):
-    """A duration [s], and the numbers of a pulse of duration and intensity 1 in `_PULSES`."""
-
-    duration: Reals
-    centroid: Number
-    work: Number
-    slack: Number
+    return _compute_model_error(scene, duration, _PULSES[shape])
 
 
 @elementwise(duration=NON_NEGATIVE)
-def _compute_model_error(
-    scene: Scene, duration: Number, centroid: Number, work: Number, slack: Number
-) -> ModelError:
+def _compute_model_error(scene: Scene, duration: Number, pulse: _Pulse) -> ModelError:
     """Compute all costs by one call of each closed form, on variants of the scene.
 
     There are seven variants, or ten. The first four are the scene itself and scenes of the
     intensity with the effect of pulses of finite duration, by the estimate and its bounds;
     three follow for each precision.
     """
-    pulse = _PulseEffect(jnp.asarray(duration), centroid, work, slack)
-    shift, unit, known = _estimate_shift(scene, stabilized_velocity(scene), *pulse)
-    precision = jnp.finfo(pulse.duration.dtype)
-    precisions = {32: jnp.finfo(jnp.float32), int(precision.bits): precision}
+    duration = jnp.asarray(duration)
+    own = jnp.finfo(duration.dtype)
+    precisions = {32: jnp.finfo(jnp.float32), int(own.bits): own}
+    shift, unit, _ = _estimate_shift(scene, stabilized_velocity(scene), duration, pulse)
     # Impulses and velocities are proportional: a bound on the velocity is one on the
     # intensity.
-    slip = _VELOCITY * unit + _ROUNDINGS * float(precision.eps)
-    # As it is; then with the effect of pulses of finite duration, and rounded, each of these
-    # also with less and more. All at once, since each closed form takes long to compile.
+    slip = _VELOCITY * unit + _ROUNDINGS * float(own.eps)
+    # All at once, since each closed form takes long to compile.
     variants = [scene, *_vary_intensity(scene, 1 + shift, slip)]
     for kind in precisions.values():
-        variants += _vary_intensity(
-            _round_scene(scene, kind), 1.0, _ROUNDINGS * float(kind.eps)
-        )
+        rounded = _round_scene(scene, kind)
+        variants += _vary_intensity(rounded, 1.0, _ROUNDINGS * float(kind.eps))
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *variants)
     answers = {
         model.name: jnp.stack(jax.tree.leaves(compute_answers(stacked, model)), axis=1)
         for model in (Linearized(), Nonlinear())
     }
-    roundings: dict[str, dict[int, Reals]] = {}
-    for name, (exact, _, _, _, *rounded_answers) in answers.items():
-        bounds = roundings[name] = {}
-        for bits, kind in precisions.items():
-            # What rounding the arguments does, and the most that rounding on the way may do
-            # beside.
-            rounded, less, more, *rounded_answers = rounded_answers
-            moved = (jnp.abs(compare(varied, rounded)) for varied in (less, more))
-            off = jnp.abs(compare(rounded, exact)) + jnp.maximum(*moved)
-            bounds[bits] = off + _ROUNDINGS * float(kind.eps)
-        if 64 not in bounds:  # which grow at least as fast as the unit of the last place
-            bounds[64] = float(jnp.finfo(jnp.float64).eps) / float(precision.eps) * bounds[32]
-    linearization = compare(answers["linearized"][0], answers["nonlinear"][0])
-    own_rounding = roundings["nonlinear"][int(precision.bits)]
-    costs = _estimate_duration_costs(
-        scene, pulse, answers["nonlinear"][:4], unit, known, own_rounding
-    )
-    linearizing, estimate, bound = (Answers(*cost) for cost in (linearization, *costs))
-    by_model = {
-        name: {bits: Answers(*bound) for bits, bound in bounds.items()}
-        for name, bounds in roundings.items()
+    roundings = {name: _bound_roundings(part, precisions) for name, part in answers.items()}
+    linearized, nonlinear = answers.values()
+    rounding = jnp.stack(jax.tree.leaves(roundings["nonlinear"][int(own.bits)]))
+    costs = _estimate_duration_costs(scene, duration, pulse, nonlinear[:4], rounding)
+    return ModelError(Answers(*compare(linearized[0], nonlinear[0])), *costs, roundings)
+
+
+def _bound_roundings(answers: Reals, precisions: dict[int, np.finfo]) -> dict[int, Answers]:
+    """Bound the rounding errors in each precision from the answers on all variants."""
+    # What rounding the arguments does, and the most that rounding on the way may do beside.
+    rounded, less, more = (answers[first::3] for first in (4, 5, 6))
+    moved = jnp.maximum(*(jnp.abs(compare(varied, rounded)) for varied in (less, more)))
+    errors = jnp.abs(compare(rounded, answers[:1])) + moved
+    bounds = {
+        bits: Answers(*(error + _ROUNDINGS * float(kind.eps)))
+        for (bits, kind), error in zip(precisions.items(), errors, strict=True)
     }
-    return ModelError(linearizing, estimate, bound, by_model)
+    if 64 not in bounds:  # which grow at least as fast as the unit of the last place
+        finer = float(jnp.finfo(jnp.float64).eps / jnp.finfo(jnp.float32).eps)
+        bounds[64] = jax.tree.map(lambda bound: finer * bound, bounds[32])
+    return bounds
 
 
 def _vary_intensity(scene: Scene, factor: Reals | float, slip: Reals | float) -> list[Scene]:
@@ -306,38 +293,32 @@ def _replace_intensity(scene: Scene, intensity: Reals) -> Scene:
 
 
 def _estimate_duration_costs(
-    scene: Scene,
-    pulse: _PulseEffect,
-    answers: Reals,
-    unit: Reals,
-    known: Booleans,
-    rounding: Reals,
-) -> tuple[Reals, Reals]:
+    scene: Scene, duration: Reals, pulse: _Pulse, answers: Reals, rounding: Reals
+) -> tuple[Answers, Answers]:
     """Estimate what instantaneous pulses cost, and bound the errors of the estimates.
 
     `answers` are those at the intensity itself, and at the intensities that have the effect of
     pulses of finite duration by the estimate, and by its lower and upper bound.
     """
-    duration = pulse.duration
-    centroid = pulse.centroid
+    _, unit, known = _estimate_shift(scene, stabilized_velocity(scene), duration, pulse)
     # A pulse acts at its centroid, and up to there the block goes at C of the velocity: in
     # each half-cycle it is late by 1 - C of that time.
-    later = count_half_cycles(scene.block) * duration * (1 - scene.restitution) * centroid
+    late = (1 - scene.restitution) * pulse.centroid * duration
+    delay = count_half_cycles(scene.block) * late
     # The critical intensity is where the block settles at the critical velocity: there the
     # shift of the velocity says by how much the intensity has to change the other way.
     critical = answers[0, 2]
+    at_limit = _replace_intensity(scene, critical)
     limit = Nonlinear().critical_velocity(scene.block)
-    shift, unit_at_limit, known_at_limit = _estimate_shift(
-        _replace_intensity(scene, critical), limit, *pulse
-    )
+    shift, unit_at_limit, known_at_limit = _estimate_shift(at_limit, limit, duration, pulse)
 
-    def apply_duration(sign: float, at: Reals) -> Reals:
+    def add_duration(sign: float, at: Reals) -> Reals:
         """Compute the answers under pulses of finite duration, with a bound of some sign."""
-        period = at[1] * (1 + sign * _TIME * unit) + later
+        period = at[1] * (1 + sign * _TIME * unit) + delay
         intensity = critical * (1 - shift + sign * _CRITICAL * unit_at_limit)
         return jnp.stack([at[0], period, intensity])
 
-    finite = [*map(apply_duration, (0.0, -1.0, 1.0), answers[1:])]
+    finite = [*map(add_duration, (0.0, -1.0, 1.0), answers[1:])]
     estimate, low, high = (compare(answers[0], answer) for answer in finite)
     spread = jnp.maximum(jnp.abs(low - estimate), jnp.abs(high - estimate))
     # One that is not finite says only which side of the threshold the estimate is on.
@@ -347,37 +328,32 @@ def _estimate_duration_costs(
     known = jnp.stack([known, known, known_at_limit])
     bound = jnp.where(known, jnp.where(some, bound, 0), jnp.inf)
     lasts = jnp.stack([duration > 0] * 3)
-    return jnp.where(lasts & known, estimate, 0), jnp.where(lasts, bound, 0)
+    return Answers(*jnp.where(lasts & known, estimate, 0)), Answers(
+        *jnp.where(lasts, bound, 0)
+    )
 
 
 def _estimate_shift(
-    scene: Scene,
-    velocity: Reals,
-    duration: Reals,
-    centroid: Number,
-    work: Number,
-    slack: Number,
+    scene: Scene, velocity: Reals, duration: Reals, pulse: _Pulse
 ) -> tuple[Reals, Reals, Booleans]:
     """Estimate the relative change of the velocity by the duration, and its bounds' unit.
 
     Also tell where the estimate is known to hold; see the notes of `model_error`.
     """
-    block = scene.block
+    slenderness = scene.block.slenderness
+    gravity = scene.block.gravity
     c = scene.restitution
-    intensity = scene.intensity
-    lasts = (duration > 0) & (intensity > 0)
-    e = duration * block.gravity / (block.slenderness * jnp.where(lasts, intensity, 1))
+    lasts = (duration > 0) & (scene.intensity > 0)
+    e = duration * gravity / (slenderness * jnp.where(lasts, scene.intensity, 1))
+    known = lasts & (e <= _MAX_UPLIFT_RATIO) & (slenderness >= _MIN_SLENDERNESS)
     # A pulse that starts weak lets a slow block fall back to the ground before it pushes.
-    known = (
-        lasts & (e <= _MAX_UPLIFT_RATIO) & (velocity < jnp.inf) & (c >= slack * e**2 * (1 - c))
-    )
-    known = known & (block.slenderness >= _MIN_SLENDERNESS)
+    known = known & (velocity < jnp.inf) & (c >= pulse.slack * e**2 * (1 - c))
     # Values that are not known are masked before they are used: their derivatives would be
     # NaN.
     e = jnp.where(known, e, 0)
-    pushed = jnp.where(known, velocity, 0) * intensity / block.gravity
-    shift = e * ((c * centroid + (1 - c) * work) * pushed - (1 - c) * centroid)
-    return shift, e**2 * (1 - c + pushed), known
+    pushed = jnp.where(known, velocity, 0) * scene.intensity / gravity
+    moved = (c * pulse.centroid + (1 - c) * pulse.work) * pushed
+    return e * (moved - (1 - c) * pulse.centroid), e**2 * (1 - c + pushed), known
 
 
 def compare(value: Reals, reference: Reals) -> Reals:
@@ -397,3 +373,15 @@ def compute_answers(scene: Scene, model: RockingModel) -> Answers:
     """Compute the three answers by a closed form."""
     critical = critical_intensity(scene.block, scene.restitution, model=model)
     return Answers(rotation_ratio(scene, model), stabilized_period(scene, model), critical)
+
+
+@jax.jit
+def is_linearized_enough(scene: Scene, tolerance: Number) -> Booleans:
+    """Return where the block stands and linearizing costs no answer more than the tolerance."""
+    linearized, nonlinear = (compute_answers(scene, m) for m in (Linearized(), Nonlinear()))
+    costs = jax.tree.leaves(jax.tree.map(compare, linearized, nonlinear))
+    largest = functools.reduce(jnp.maximum, map(jnp.abs, costs))
+    # Less the rounding of the costs themselves, so that a tolerance that is kept is kept for
+    # sure.
+    allowed = tolerance - 16 * float(jnp.finfo(largest.dtype).eps)
+    return jnp.isfinite(nonlinear.period) & (largest <= allowed)

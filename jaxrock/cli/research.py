@@ -241,11 +241,12 @@ def tradeoff(
     with output.write("tradeoff") as files:
         from ..plot import plot_tradeoff
 
-        measured = measure_tradeoff(scene)
-        files.write_dataset(measured.dataset, plot_tradeoff(measured.dataset))
-    data = {"rows": measured.dataset.to_dataframe().to_dict("records")}
-    data |= {"sentence": measured.sentence(), "notes": measured.notes()}
-    return Answer(measured, data, output, files.paths)
+        dataset = measure_tradeoff(scene)
+        files.write_dataset(dataset, plot_tradeoff(dataset))
+    rows = dataset.to_dataframe()
+    front = rows.query("front == 1 or default == 1").sort_values(["batch", "seconds"])
+    text = front[["batch", "error", "seconds", "behind", "label"]].to_string(index=False)
+    return Answer(text, {"rows": rows.to_dict("records")}, output, files.paths)
 
 
 def paper(*, output: FileOutput = FileOutput()) -> Answer:

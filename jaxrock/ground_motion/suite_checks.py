@@ -55,7 +55,7 @@ def check_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
     twice = [name for k, name in enumerate(words) if name in words[:k]]
     if twice:
         raise ValueError(f"names must differ from each other, got {twice[0]!r} twice")
-    return words
+    return tuple(map(str, words))  # plain ones: Equinox takes those of NumPy for arrays
 
 
 def check_measures(

@@ -32,7 +32,7 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
         The axes drawn on.
     """
-    check_result("dataset", dataset, xarray.Dataset, "measure_tradeoff(scene).dataset")
+    check_result("dataset", dataset, xarray.Dataset, "measure_tradeoff(scene)")
     ax = get_axes(ax, figsize=(8.6, 5.4))
     rows = dataset.where(np.isfinite(dataset.error), drop=True).sortby("error")
     rows = rows.isel(setting=np.argsort(rows.level.values, kind="stable"))

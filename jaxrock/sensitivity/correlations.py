@@ -97,7 +97,7 @@ def _make_matrix(
 
 def _check_pair(key: Any, names: Sequence[str]) -> Pair:
     """Return a pair in the order of the names; `ValueError` if it is none."""
-    pair = key if isinstance(key, tuple) else ()
+    pair = tuple(map(str, key)) if isinstance(key, tuple) else ()
     if len(pair) != 2:
         raise ValueError(f"correlations must have pairs of names as keys, got {describe(key)}")
     for name in pair:

@@ -337,7 +337,7 @@ def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[flo
             f" of shape {checked.shape}"
         )
     check(f"{ARGUMENT} of {name}", values, NON_NEGATIVE)
-    return name, float(values) if not values.ndim else tuple(values.tolist())
+    return str(name), float(values) if not values.ndim else tuple(values.tolist())
 
 
 def _write_coefficient(value: float | tuple[float, ...]) -> str:
