@@ -72,7 +72,7 @@ CODE_LINES = {
     "sensitivity": 1747,
     "calibration": 1653,
     "calibration/outcomes": 1655,
-    "accuracy": 461,
+    "accuracy": 453,
     "grids": 752,
     "spectra": 838,
     "risk": 2148,

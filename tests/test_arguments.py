@@ -83,16 +83,6 @@ def test_a_model_is_given_itself_or_by_its_name(answer):
     assert answer("linearized") == linearized != nonlinear == answer("nonlinear")
 
 
-@pytest.mark.thorough
-def test_peak_amplification_leaves_blocks_that_overturn_out():
-    def total(half_width, growth):
-        block = jr.Block(half_width, 5.0)
-        return jnp.nansum(jr.Nonlinear().peak_amplification(block, 0.1, growth))
-
-    both = jax.grad(total)(0.4, jnp.asarray([1.0, 100.0]))
-    np.testing.assert_allclose(both, jax.grad(total)(0.4, jnp.asarray([1.0])), rtol=1e-6)
-
-
 def test_arguments_are_guarded_once():
     """Four of these numbers and the inertia ratio have to be finite; a velocity is asked, too."""
     numbers = [0.4, 5.0, 9.81, 0.7, 0.15]

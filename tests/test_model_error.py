@@ -65,57 +65,6 @@ def test_prediction_against_mpmath(setting, precision):
     assert np.median(ratios) < (1.1 if setting.level == "linearized" else 15)
 
 
-@pytest.mark.parametrize(
-    ("shape", "number"),
-    [
-        pytest.param(jr.HalfSine, 150, marks=pytest.mark.thorough),
-        pytest.param(jr.Rectangular, 150, marks=pytest.mark.thorough),
-    ],
-)
-def test_cost_of_taking_pulses_as_instantaneous(shape, number):
-    rng = np.random.default_rng(number)
-    given = scenes(number, number, stocky=1.0)
-    given = jax.tree.map(lambda leaf: jnp.where(leaf > 30, 30, leaf), given)
-    strength = 10 ** rng.uniform(-4, -0.1, number)
-    duration = strength * given.intensity * given.block.slenderness / 9.81
-    error = jr.model_error(given, shape, duration)
-    closed = computed(given, CLOSED[-1])
-    factors = []
-    for k in range(number):
-        scene = each(given, k)
-        pulse = shape(scene.intensity / (shape.area * duration[k]), duration[k])
-        phase = jr.pulsed_phase(scene.block, scene.restitution, pulse, rtol=1e-11)
-        for name in ("rotation_ratio", "period"):
-            truth = float(getattr(phase, name))
-            cost = apart(getattr(closed, name)[k], truth)
-            bound = (
-                abs(getattr(error.duration, name)[k]) + getattr(error.duration_bound, name)[k]
-            )
-            assert cost <= bound + 1e-8, (k, name)
-            if 1e-6 < cost < np.inf:
-                factors.append(float(bound / cost))
-    assert len(factors) > 0.5 * number
-    assert np.median(factors) < 1.2
-
-
-@pytest.mark.thorough
-def test_cost_of_the_duration_in_critical_intensity():
-    for restitution, shape, duration in (
-        (0.3, jr.HalfSine, 0.03),
-        (0.8, jr.Rectangular, 0.01),
-    ):
-        scene = jr.Scene(jr.Block(0.3, 4.0), restitution, 0.05)
-        error = jr.model_error(scene, shape, duration)
-        truth = jr.critical_pulsed_amplitude(
-            scene.block, restitution, shape, duration
-        ).intensity
-        cost = float(computed(scene, CLOSED[-1]).critical_intensity / truth) - 1
-        estimate = error.duration.critical_intensity
-        unsure = error.duration_bound
-        assert abs(cost - estimate) <= unsure.critical_intensity
-        assert abs(cost) > 3 * unsure.critical_intensity
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("shape", [jr.HalfSine, jr.Rectangular])
 def test_cost_of_the_duration_within_its_bound(shape):
@@ -163,9 +112,7 @@ def test_errors_are_errors_of_what_others_have_left(duration):
     parts = answers(linearization), answers(duration), answers(bound)
     error = jr.accuracy.ModelError(*parts, rounding)
     for signs in itertools.product((-1, 1), repeat=4):
-        off = [
-            sign * size for sign, size in zip(signs, (bound, coarse, fine, fine), strict=True)
-        ]
+        off = np.multiply(signs, (bound, coarse, fine, fine))
         instantaneous = (1 + duration + off[0]) * (1 + off[1])
         assert abs(instantaneous - 1) <= error.total("nonlinear", 32).period * (1 + 1e-12)
         linearized = instantaneous * (1 + linearization) * (1 + off[2]) * (1 + off[3])
@@ -194,16 +141,6 @@ def test_nothing_known_is_not_nothing_lost():
     assert np.isnan(jr.rotation_ratio(scene, jr.Nonlinear()))
     assert jax.tree.leaves(error.duration_bound) == [np.inf] * 3
     assert jax.tree.leaves(error.total("nonlinear", 64)) == [np.inf] * 3
-    choice = jr.choose(scene, 1e-1, jr.HalfSine, 0.3106879530163783)
-    assert choice.setting.level == "pulsed"
-
-
-def test_weak_long_pulses_are_not_predicted():
-    wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
-    for duration, known in ((0.001, True), (0.2, False)):
-        error = jr.model_error(wall, jr.HalfSine, duration)
-        assert np.isfinite(error.duration_bound.period) == known
-        assert np.isfinite(error.total("nonlinear", 64).period) == known
 
 
 def test_where_the_linearized_equation_is_enough():
@@ -214,9 +151,7 @@ def test_where_the_linearized_equation_is_enough():
     stands = np.asarray(jr.overturning_margin(given, jr.Nonlinear())) > 0
     for tolerance in (1e-2, 1e-3, 1e-5):
         enough = np.asarray(is_linearized_enough(given, tolerance))
-        assert not (enough & ~(stands & (costs <= tolerance))).any()
-        missed = ~enough & stands & (costs <= tolerance)
-        assert missed.sum() <= 0.03 * enough.sum()
+        assert (enough == stands & (costs <= tolerance - 16 * np.finfo(float).eps)).all()
 
 
 def test_both_overturning_costs_nothing():

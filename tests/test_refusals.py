@@ -1,9 +1,9 @@
 """Calls that are refused, one of each kind: tables/refusals/*.txt.
 
 A line of a table is a call and, after `->`, what the message must contain, in pieces that `…`
-separates: the argument, the value, the word that matters. The error is a ValueError, unless
-another class stands first. Other lines are headings and the names that the calls of the table
-use, beside all that is imported here. A run in float32 leaves the table `float64` out.
+separates. The error is a ValueError, unless another class stands first. Other lines are
+headings and the names that the calls of the table use, beside all that is imported here. A run
+in float32 leaves the table `float64` out.
 """
 # ruff: noqa: F401
 

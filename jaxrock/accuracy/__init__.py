@@ -3,7 +3,6 @@
 from .cheapest_setting import Choice, choose
 from .model_errors import ModelError, model_error
 from .model_errors import is_linearized_enough as is_linearized_enough
-from .tradeoff import make_default_scene as make_default_scene
 from .tradeoff import measure_tradeoff
 
 __all__ = [

@@ -1,6 +1,5 @@
 """As much model as a scene requires: the cheapest setting that keeps a tolerance."""
 
-import functools
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -9,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..driven import TOLERANCES, DrivenScene, respond_within
-from ..ground_motion import Harmonic, Pulse, Record
+from ..ground_motion import Pulse
 from ..host import Printed, format_fields
 from ..resonance import Scene
 from ..validation import (
@@ -24,7 +23,7 @@ from ..validation import (
     check_kind,
     is_traced,
 )
-from .model_errors import Answers, model_error
+from .model_errors import model_error
 
 
 @dataclass(frozen=True, repr=False)
@@ -142,18 +141,16 @@ def choose(
     check_kind("scene", scene, Scene, DrivenScene)
     widest = int(jnp.finfo(jnp.result_type(float)).bits)
     # Costs are computed in the widest precision on offer, whatever the scene has.
-    exact: Scene = scene
-    if widest == 64:
-        exact = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
+    exact: Scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
     predicted = model_error(exact, shape, duration)
     settings = tuple(setting for setting in CLOSED if setting.bits <= widest)
-    errors = [_find_largest(predicted.total(each.level, each.bits)) for each in settings]
+    errors = [predicted.total(each.level, each.bits).largest for each in settings]
     if shape is not None:
         settings += (Setting("pulsed", widest),)
         # Rounding to float32 is a slip of the intensity, too. Its cost, in proportion to the
         # slips, is that of `pulsed_phase`: another closed form need not be computed.
         slip = _PULSED_SLIP / float(jnp.finfo(jnp.float32).eps)
-        errors.append(slip * _find_largest(predicted.rounding["nonlinear"][32]))
+        errors.append(slip * predicted.rounding["nonlinear"][32].largest)
     table = jnp.stack(errors)
     within = table <= tolerance
     # The first within the tolerance, element by element; the best where there is none.
@@ -162,14 +159,8 @@ def choose(
     return Choice(index, error, within.any(axis=0), settings)
 
 
-def _find_largest(errors: Answers) -> Reals:
-    """Find the largest of the three errors, element by element."""
-    return functools.reduce(jnp.maximum, jax.tree.leaves(errors))
-
-
 def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
     """Choose the tolerance of the batch by a trial: no closed form predicts driven motion."""
-    check_kind("motion", scene.motion, Pulse, Harmonic, Record)
     within = respond_within(scene.block, scene.restitution, scene.motion, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
     levels = np.array(TOLERANCES[bits])

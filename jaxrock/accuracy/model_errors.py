@@ -4,7 +4,6 @@ The truth is the nonlinear equation under pulses of finite duration. Three thing
 linearizing, taking pulses as instantaneous, and single precision.
 """
 
-import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -83,6 +82,11 @@ class Answers(Printed, eqx.Module):
     rotation_ratio: Reals
     period: Reals
     critical_intensity: Reals
+
+    @property
+    def largest(self) -> Reals:
+        """The largest of the three, element by element."""
+        return jnp.stack(jax.tree.leaves(self)).max(axis=0)
 
     def __str__(self) -> str:
         return ", ".join(
@@ -379,9 +383,8 @@ def compute_answers(scene: Scene, model: RockingModel) -> Answers:
 def is_linearized_enough(scene: Scene, tolerance: Number) -> Booleans:
     """Return where the block stands and linearizing costs no answer more than the tolerance."""
     linearized, nonlinear = (compute_answers(scene, m) for m in (Linearized(), Nonlinear()))
-    costs = jax.tree.leaves(jax.tree.map(compare, linearized, nonlinear))
-    largest = functools.reduce(jnp.maximum, map(jnp.abs, costs))
+    costs = jax.tree.map(lambda *pair: jnp.abs(compare(*pair)), linearized, nonlinear)
     # Less the rounding of the costs themselves, so that a tolerance that is kept is kept for
     # sure.
-    allowed = tolerance - 16 * float(jnp.finfo(largest.dtype).eps)
-    return jnp.isfinite(nonlinear.period) & (largest <= allowed)
+    allowed = tolerance - 16 * float(jnp.finfo(costs.period.dtype).eps)
+    return jnp.isfinite(nonlinear.period) & (costs.largest <= allowed)

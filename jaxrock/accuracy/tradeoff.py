@@ -32,7 +32,7 @@ from ..resonance import (
     stabilized_period,
     stabilized_velocity,
 )
-from ..validation import Reals
+from ..validation import AT_LEAST_ONE, Reals, check
 from .cheapest_setting import CLOSED, Setting
 from .model_errors import model_error
 
@@ -94,9 +94,9 @@ def measure_tradeoff(
     """
     if jnp.result_type(float) != jnp.float64:
         raise ValueError("JAX must be set to 64 bits, which are the reference, got 32 bits")
-    if repeats < 1:
-        raise ValueError(f"repeats must be at least 1, got {repeats}")
-    scene = make_default_scene() if scene is None else scene
+    check("repeats", repeats, AT_LEAST_ONE)
+    if scene is None:  # a pulse so short that every level of fidelity can tell of it
+        scene = DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((scene.block, scene.restitution))):
         raise ValueError("scene must be a single scene, got arrays of numbers")
     # The truth first: a scene that does not rock is refused before anything else compiles.
@@ -121,11 +121,6 @@ def measure_tradeoff(
     seconds = np.array([[_measure_seconds(call) for call in calls] for _ in rounds])
     dataset = tabulate_tradeoff(settings, np.array(errors), seconds)
     return dataset.assign_attrs(scene=type(scene).__name__, reference_error=floor)
-
-
-def make_default_scene() -> DrivenScene:
-    """Make a block under a pulse so short that every level of fidelity can tell of it."""
-    return DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01))
 
 
 def _measure_seconds(call: Callable[[], object]) -> float:
