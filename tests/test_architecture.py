@@ -78,7 +78,7 @@ CODE_LINES = {
     "risk": 2148,
     "plot": 1076,
     "reports": 330,
-    "cli": 1046,
+    "cli": 1045,
 }
 
 

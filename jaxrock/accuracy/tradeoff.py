@@ -133,11 +133,11 @@ def _measure_seconds(call: Callable[[], object]) -> float:
 def _list_settings(scene: Scene | DrivenScene) -> list[Setting]:
     """List every setting that the scene has."""
     if isinstance(scene, Scene):
-        pairs = itertools.product(CLOSED, (1, 1000, 100_000))
+        pairs = itertools.product((1, 1000, 100_000), CLOSED)
     else:
         has_area = isinstance(scene.motion, Pulse) and type(scene.motion).area
-        pairs = itertools.product((*(CLOSED if has_area else ()), *_BATCH), (1, 1000))
-    return [*(replace(setting, batch=size) for setting, size in pairs), *_ADAPTIVE]
+        pairs = itertools.product((1, 1000), (*(CLOSED if has_area else ()), *_BATCH))
+    return [*(replace(setting, batch=size) for size, setting in pairs), *_ADAPTIVE]
 
 
 def _choose_duration(scene: Scene | DrivenScene) -> float:

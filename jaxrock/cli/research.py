@@ -244,9 +244,8 @@ def tradeoff(
         dataset = measure_tradeoff(scene)
         files.write_dataset(dataset, plot_tradeoff(dataset))
     rows = dataset.to_dataframe()
-    front = rows.query("front == 1 or default == 1").sort_values(["batch", "seconds"])
-    text = front[["batch", "error", "seconds", "behind", "label"]].to_string(index=False)
-    return Answer(text, {"rows": rows.to_dict("records")}, output, files.paths)
+    front = rows.query("front == 1 or default == 1")[["batch", "error", "seconds", "label"]]
+    return Answer(front.to_string(), {"rows": rows.to_dict("records")}, output, files.paths)
 
 
 def paper(*, output: FileOutput = FileOutput()) -> Answer:
