@@ -1,190 +1,127 @@
-"""Grids as lazy Dask arrays: one task for each chunk, and one to take out each variable."""
+"""Lazy datasets written to Zarr stores, region by region, by one run or by several."""
 
-import enum
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+import itertools
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import dask.array as da
-import jax
-import jax.numpy as jnp
 import numpy as np
-from dask.delayed import delayed
-from dask.tokenize import tokenize
-from jaxtyping import Array, PyTree
-from typing_extensions import TypeAliasType
 
-from ..host import apply_settings, hide_progress, read_jax_settings
-from .axes import DataType, GridVariable
+from ..host import import_optional, write_whole
+from ..validation import check_kind
 
-Chunks = TypeAliasType("Chunks", Mapping[str, int | Sequence[int]] | str)
-Compute = Callable[..., Mapping[str, np.ndarray]]
+if TYPE_CHECKING:
+    import xarray
+
+_TOKEN = "token"  # attribute of a store: what it is the answer to
+_WRITTEN = "written"  # variable of a store: 1 for each region that is there
+# Every reader knows it, and its consolidated metadata belong to its conventions.
+_FORMAT = 2
 
 
-def make_lazy_arrays(
-    compute: Compute,
-    shared: PyTree,
-    axes: Mapping[str, np.ndarray],
-    chunks: Mapping[str, Sequence[int]],
-    variables: Mapping[str, GridVariable],
-    columns: Mapping[str, int],
-    identity: object,
-) -> dict[str, da.Array]:
-    """Make the variables over a grid lazily; compute nothing.
+def write_zarr(dataset: "xarray.Dataset", path: str | Path) -> "xarray.Dataset":
+    """Compute a lazy dataset into a Zarr store, or continue where an earlier run stopped.
 
-    `compute` is a function as `Grid` asks for. It takes the `shared` pytree and the values
-    along each axis in a chunk, and returns an array for each variable, over its dimensions.
-    These are axes in their order, and after them `columns`, with their sizes. Names of tasks
-    follow from the arguments and from the `identity`, so that equal grids have equal names.
+    Dask's scheduler computes the chunks: threads, or the workers of the current
+    ``distributed.Client``. The store has one more variable, ``written``, which is 1 for each
+    chunk that is there, in their order; others read as NaN or 0.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From a function of jaxrock with ``chunks``. Along each dimension all chunks have one
+        length, except the last one, which may be shorter.
+    path : str or path
+        A folder that all workers reach by this path. An existing store is continued; only one
+        run at a time may write to it.
+
+    Returns
+    -------
+    xarray.Dataset
+        The dataset as it reads from the store, lazily.
+
+    Raises
+    ------
+    ValueError
+        If the dataset is not lazy or its chunks have several lengths; if `path` cannot be
+        written to or has something else, such as a store of another grid, of other chunks or
+        of another version (it is left as it is then).
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import jaxrock as jr
+    >>> axes = ([3.0, 5.0, 9.0], 0.8, 0.7, 0.15)
+    >>> lazy = jr.resonance_spectrum(*axes, chunks={"slenderness": 2})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     stored = jr.grids.write_zarr(lazy, f"{folder}/spectrum.zarr")
+    ...     print(stored.stabilized_period.values.round(2))
+    [3.05 2.99 3.79]
     """
-    # Tasks run in threads and processes whose settings of JAX may be others, above all the
-    # precision: they take those of here along. In the names only the precision counts. The
-    # others, such as a folder for compiled programs, change no number.
-    settings = {name: value for name, value in read_jax_settings().items() if _is_plain(value)}
-    kinds = {name: (variable.dims, variable.dtype) for name, variable in variables.items()}
-    shape = (tuple(axes), chunks, kinds, columns, settings["enable_x64"])
-    token = tokenize(compute, _pack(shared), list(axes.values()), shape, identity)
+    import xarray
 
-    # An axis that is a single number has no dimension, and no chunks.
-    place = {name: k for k, name in enumerate((*chunks, *columns))}
-    inputs: list[object] = []
-    for name, values in axes.items():
-        dims = (name,) * values.ndim
-        lengths: Any = tuple(tuple(chunks[dim]) for dim in dims)  # more than Dask's `str`
-        array = da.from_array(values, lengths, name=f"jaxrock-{name}-{token}")
-        inputs += [array, tuple(place[dim] for dim in dims)]
-
-    # As an input of its own: it is sent to each worker once, and not with every task.
-    common = delayed(_pack(shared), name=f"jaxrock-shared-{token}", traverse=False)
-
-    # An array over the axes whose element for a chunk stands for a dictionary of all
-    # variables: so they are computed together, once, whichever of them are asked for.
-    grid = da.blockwise(
-        _run_task,
-        tuple(range(len(chunks))),
-        common,
-        None,
-        *inputs,
-        compute=compute,
-        settings=settings,
-        name=f"jaxrock-grid-{token}",
-        dtype=object,
-        meta=np.empty((0,) * len(chunks), object),
-    )
-
-    def take(name: str, dims: Sequence[str], dtype: DataType) -> da.Array:
-        # A variable is the same along axes that it does not have: their first chunk does.
-        # Without any axis there is one chunk, of which Dask would list no blocks.
-        first = tuple(slice(None) if n in dims else slice(1) for n in chunks)
-        part = grid.blocks[first] if first else grid
-        new = {place[n]: size for n, size in columns.items() if n in dims}
-        return da.blockwise(
-            _take_variable,
-            tuple(place[dim] for dim in dims),
-            part,
-            tuple(range(len(chunks))),
-            variable=name,
-            new_axes=new,
-            name=f"jaxrock-{name}-{token}",
-            dtype=np.dtype(dtype),
-            meta=np.empty((0,) * len(dims), dtype),
-        )
-
-    return {name: take(name, dims, dtype) for name, (dims, dtype) in kinds.items()}
-
-
-def choose_chunks(
-    chunks: Chunks, sizes: Mapping[str, int], largest: int
-) -> dict[str, tuple[int, ...]]:
-    """Choose the lengths of chunks along each axis; a `ValueError` if they do not fit.
-
-    With "auto" a chunk has at most `largest` points, and the last axes stay whole.
-    """
-    if isinstance(chunks, str) and chunks == "auto":
-        lengths = dict[str, int]()
-        for name, size in reversed([*sizes.items()]):
-            lengths[name] = max(1, min(size, largest))
-            largest //= lengths[name]
-        return {name: _cut_axis(name, lengths[name], size) for name, size in sizes.items()}
-    if not isinstance(chunks, Mapping):
+    dask = import_optional("dask", "cluster")
+    check_kind("dataset", dataset, xarray.Dataset, hint="; functions with chunks give one")
+    if not dataset.chunks:
+        raise ValueError("dataset must be lazy; its to_zarr writes one in memory")
+    path = Path(path).absolute()
+    # Dask's name for all numbers, which follows from parameters, axes, chunks, precision and
+    # the version of jaxrock.
+    token = dask.base.tokenize(dataset)
+    cuts = []
+    for lengths in dataset.chunks.values():
+        edges = np.cumsum([0, *lengths]).tolist()
+        cuts.append(list(map(slice, edges[:-1], edges[1:])))
+    regions = [
+        dict(zip(dataset.chunks, places, strict=True)) for places in itertools.product(*cuts)
+    ]
+    if not path.exists():
+        _begin_store(dataset, path, token, len(regions))
+    try:
+        with xarray.open_zarr(path) as store:
+            is_begun = store.attrs[_TOKEN] == token
+            written = store[_WRITTEN].values
+    # What Zarr and xarray raise about a folder, or a file, that holds something else.
+    except (OSError, ValueError, KeyError, TypeError):
+        is_begun = False
+    if not is_begun:
         raise ValueError(
-            'chunks must be "auto" or lengths by dimension, such as'
-            f" {{{next(iter(sizes))!r}: 50}}, got {chunks!r:.60}"
+            f"store: {str(path)!r} is not of this grid, these chunks and this version of"
+            " jaxrock; it is left as it is"
         )
-    for name in chunks:
-        if name not in sizes:
-            names = ", ".join(sizes)
-            raise ValueError(f"chunks must have keys among {names}, got {name!r}")
-    return {name: _cut_axis(name, chunks.get(name, -1), size) for name, size in sizes.items()}
+    write = dask.delayed(_write_region)
+    tasks = [
+        write(dataset.isel(region), path, region, number)
+        for number, region in enumerate(regions)
+        if not written[number]
+    ]
+    dask.compute(*tasks)
+    return xarray.open_zarr(path).drop_vars(_WRITTEN)
 
 
-def _cut_axis(name: str, length: int | Sequence[int], size: int) -> tuple[int, ...]:
-    """Cut an axis into chunks of one length or of several; a `ValueError` if not possible."""
-    # True is an integer in Python, and would be a length of 1.
-    if isinstance(length, int | np.integer) and not isinstance(length, bool):
-        if length > 0 or length == -1:
-            whole = size if length == -1 else min(int(length), size)
-            return (*[whole] * (size // whole), *[size % whole] * (size % whole > 0))
-    elif isinstance(length, Sequence) and not isinstance(length, str):
-        lengths = tuple(length)
-        if all(isinstance(n, int | np.integer) and n > 0 for n in lengths):
-            lengths = tuple(map(int, lengths))
-            if sum(lengths) == size:
-                return lengths
-    raise ValueError(
-        f"chunks of {name} must be a length from 1 on, -1 for all, or lengths that add up to"
-        f" {size}, got {length!r:.60}"
-    )
+def _begin_store(dataset: "xarray.Dataset", path: Path, token: str, number: int) -> None:
+    """Begin a store of so many regions: all but the numbers, whole or not at all."""
+    import dask.array
+
+    flags = dask.array.zeros(number, dtype=np.int8, chunks=1)
+    described = {"long_name": "1 if this chunk has been written", "units": "1"}
+    # Of a variable without dimensions no region is written: it is computed here.
+    begun = dataset.map(lambda v: v if v.dims else v.compute(), keep_attrs=True)
+    begun = begun.assign({_WRITTEN: ("chunk", flags, described)}).assign_attrs({_TOKEN: token})
+    with write_whole("store", path.parent, [path.name], overwrite=False) as scratch:
+        begun.to_zarr(scratch / path.name, compute=False, zarr_format=_FORMAT)
 
 
-def _run_task(
-    shared: PyTree, *parts: np.ndarray, compute: Compute, settings: Mapping[str, object]
-) -> Mapping[str, np.ndarray]:
-    """Compute all variables of one chunk, in whatever thread or process this is."""
-    # Without progress bars: those of many tasks would write over each other, and Dask has one.
-    with apply_settings(settings), hide_progress():
-        return compute(_unpack(shared), *parts)
+def _write_region(
+    part: "xarray.Dataset", path: Path, region: dict[str, slice], number: int
+) -> None:
+    """Write one region, and after it the flag that says so.
 
+    A run that is killed in between leaves a region without a flag, of which perhaps a part is
+    written: the next run computes it again.
+    """
+    import xarray
 
-def _take_variable(chunk: list | Mapping[str, np.ndarray], variable: str) -> np.ndarray:
-    """Take one variable out of the answer for a chunk."""
-    # Along dimensions that the variable does not have, `blockwise` hands over a list of
-    # chunks, which here has one element.
-    while isinstance(chunk, list):
-        (chunk,) = chunk
-    return chunk[variable]
-
-
-def _is_plain(value: object) -> bool:
-    """Return whether a setting means the same in another process, unlike a device."""
-    return value is None or isinstance(value, bool | int | float | str | enum.Enum)
-
-
-# JAX arrays travel as NumPy arrays: unpickled before `apply_settings`, one of 64 bits would
-# lose half of them in a worker whose precision is single. NumPy knows no weak types, so
-# numbers that have one travel as a class of their own. Else they would widen what they meet on
-# arrival, and the bits would be others than in memory.
-class _WeakNumber(float):
-    """A number of weak type, as JAX calls it: it takes the precision of others."""
-
-
-def _pack(tree: PyTree) -> PyTree:
-    """Pack a pytree for other processes, which have settings of their own when they get it."""
-
-    def pack_leaf(leaf: Array) -> np.ndarray | _WeakNumber:
-        return _WeakNumber(leaf) if leaf.weak_type and not leaf.ndim else np.asarray(leaf)
-
-    return jax.tree.map(
-        lambda leaf: pack_leaf(leaf) if isinstance(leaf, jax.Array) else leaf, tree
-    )
-
-
-def _unpack(tree: PyTree) -> PyTree:
-    """Unpack a pytree that was packed for this process, under its final settings."""
-
-    def unpack_leaf(leaf: np.ndarray | _WeakNumber) -> Array:
-        return jnp.asarray(float(leaf) if isinstance(leaf, _WeakNumber) else leaf)
-
-    packed = (np.ndarray, _WeakNumber)
-    return jax.tree.map(
-        lambda leaf: unpack_leaf(leaf) if isinstance(leaf, packed) else leaf, tree
-    )
+    names = [name for name, variable in part.data_vars.items() if variable.dims]
+    part[names].drop_vars(part.coords).to_zarr(path, region=region, zarr_format=_FORMAT)
+    flag = xarray.Dataset({_WRITTEN: ("chunk", np.ones(1, np.int8))})
+    flag.to_zarr(path, region={"chunk": slice(number, number + 1)}, zarr_format=_FORMAT)
