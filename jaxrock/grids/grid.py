@@ -260,7 +260,7 @@ def choose_lengths(sizes: Mapping[str, int], largest: int) -> dict[str, int]:
     # As long as whole axes fit, a part lies in one piece in memory and in the file, whose last
     # axis runs fastest.
     lengths = dict[str, int]()
-    for name, size in reversed(sizes.items()):
+    for name, size in reversed([*sizes.items()]):
         lengths[name] = min(size, max(largest, 1))
         largest //= lengths[name]
     return lengths
