@@ -1,5 +1,6 @@
 """Lazy datasets are those in memory, and a store of one is continued after whatever ended a run."""
 
+import functools
 import os
 import signal
 import subprocess
@@ -7,9 +8,7 @@ import sys
 from pathlib import Path
 
 import dask.array as da
-import equinox as eqx
 import jax
-import numpy as np
 import pytest
 import xarray
 from distributed import Client, LocalCluster
@@ -17,8 +16,7 @@ from tables.grids import AXES, GRIDS, record
 from tools.selection import some_by_default
 
 import jaxrock as jr
-from jaxrock.driven import follow_batch
-from jaxrock.grids import lazy, write_zarr
+from jaxrock.grids import write_zarr, zarr_store
 from jaxrock.spectra import resonance
 
 
@@ -80,36 +78,21 @@ def test_precision_is_the_one_of_who_made_the_dataset():
 @pytest.mark.thorough
 def test_a_map_lists_what_there_is():
     """As many boundaries as there are, or the lowest of them; the count says so."""
-    arguments = (jr.Sine, [0.5, 4.0])
-    found = jr.overturning_map(*arguments, restitution=0.9)
-    assert found["count"].values.tolist() == [1, 3]
-    assert found.sizes["boundary"] == 3
-    made = jr.overturning_map(*arguments, restitution=0.9, chunks={"frequency_ratio": 1})
+    make = functools.partial(jr.overturning_map, jr.Sine, [0.5, 4.0], restitution=0.9)
+    whole = make()
+    assert whole["count"].values.tolist() == [1, 3]
+    assert whole.sizes["boundary"] == 3
+    made = make(chunks={"frequency_ratio": 1})
     assert made.sizes["boundary"] == 16
-    assert_equal(made.compute().isel(boundary=slice(3)), found)
-    listed = jr.overturning_map(*arguments, restitution=0.9, max_boundaries=2)
-    assert_equal(listed, found.isel(boundary=slice(2)))
+    assert_equal(made.compute().isel(boundary=slice(3)), whole)
+    assert_equal(make(max_boundaries=2), whole.isel(boundary=slice(2)))
 
 
 def test_factors_are_those_on_the_motion():
     motion = record(200, 3)
-    axes = ([1.0, 2.0], [4.0, 6.0], 0.8)
-    found = jr.rocking_spectrum(motion, *axes, factor=[0.5, 2.0])
-    for factor in (0.5, 2.0):
-        alone = jr.rocking_spectrum(motion.scaled(factor), *axes)
-        xarray.testing.assert_equal(found.sel(factor=factor, drop=True), alone)
-
-
-def test_what_goes_wrong_in_a_task_comes_back(monkeypatch):
-    def stop(*arguments, **options):
-        response = follow_batch(*arguments, **options)
-        stopped = np.full_like(response.status, jr.Status.STOPPED)
-        return eqx.tree_at(lambda r: r.status, response, stopped)
-
-    made = jr.overturning_spectrum(jr.Sine, [1.0, 2.0], 2.0, chunks={"frequency_ratio": 1})
-    monkeypatch.setattr("jaxrock.spectra.driven.follow_batch", stop)
-    with pytest.raises(ValueError, match=r"frequency ratio [12], amplitude ratio 2$"):
-        made.compute(scheduler="synchronous")
+    whole = jr.rocking_spectrum(motion, [1.0, 2.0], 4.0, 0.8, factor=[0.5, 2.0])
+    alone = jr.rocking_spectrum(motion.scaled(2.0), [1.0, 2.0], 4.0, 0.8)
+    xarray.testing.assert_allclose(whole.sel(factor=2.0, drop=True), alone, rtol=1e-12)
 
 
 def test_without_the_extra(monkeypatch):
@@ -126,15 +109,15 @@ def test_a_store_is_continued(tmp_path, monkeypatch, intensity):
     path = tmp_path / "new" / "grid.zarr"
     whole = grid(intensity=intensity, chunks=None)
     assert_equal(write_zarr(grid(intensity=intensity), path).drop_attrs(), whole.drop_attrs())
-    (path / lazy._WRITTEN / "1").unlink()
+    (path / zarr_store._WRITTEN / "1").unlink()
     (path / "rotation_ratio" / "1.0.0").write_bytes(b"half")
     numbers = []
 
-    def count(part, path, region, number, single=lazy._write_region):
+    def count(part, path, region, number, single=zarr_store._write_region):
         numbers.append(number)
         single(part, path, region, number)
 
-    monkeypatch.setattr(lazy, "_write_region", count)
+    monkeypatch.setattr(zarr_store, "_write_region", count)
     stored = write_zarr(grid(intensity=intensity), path)
     assert numbers == [1]
     assert_equal(stored.drop_attrs(), whole.drop_attrs())
@@ -146,17 +129,17 @@ import os, signal, sys
 import dask, jax
 jax.config.update("jax_enable_x64", {double})
 sys.path.insert(0, {folder!r})
-from jaxrock.grids import lazy
+from jaxrock.grids import zarr_store
 from test_lazy import grid
 calls = []
-def write(*arguments, single=lazy._write_region):
+def write(*arguments, single=zarr_store._write_region):
     single(*arguments)
     calls.append(arguments)
     if len(calls) == 2:
         os.kill(os.getpid(), signal.SIGKILL)
-lazy._write_region = write
+zarr_store._write_region = write
 with dask.config.set(scheduler="synchronous"):
-    lazy.write_zarr(grid(chunks={{"slenderness": 1}}), {path!r})
+    zarr_store.write_zarr(grid(chunks={{"slenderness": 1}}), {path!r})
 """
 
 
@@ -168,7 +151,7 @@ def test_a_run_that_is_killed_is_continued(tmp_path):
     code = RUN.format(double=jax.config.jax_enable_x64, folder=folder, path=str(path))
     done = subprocess.run([sys.executable, "-c", code], check=False)
     assert done.returncode == -signal.SIGKILL
-    flags = sorted((path / lazy._WRITTEN).glob("[0-9]"))
+    flags = sorted((path / zarr_store._WRITTEN).glob("[0-9]"))
     assert len(flags) == 2
     before = [flag.stat().st_mtime_ns for flag in flags]
     stored = write_zarr(grid(chunks={"slenderness": 1}), path)
@@ -186,38 +169,41 @@ def test_a_cluster_of_two_processes(tmp_path):
     assert_equal(stored.drop_attrs(), function().drop_attrs())
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"width": [0.4, 0.8, 1.3]},
-        {"gravity": 1.62},
-        {"model": "nonlinear"},
-        {"chunks": {"slenderness": 3}},
-    ],
-)
-def test_a_store_of_another_question_stays_as_it_is(tmp_path, changes):
-    path = tmp_path / "grid.zarr"
-    write_zarr(grid(), path)
-    refuse(grid(**changes), path)
-
-
-def refuse(made, path):
-    content = {file: file.read_bytes() for file in path.rglob("*") if file.is_file()}
-    with pytest.raises(ValueError, match=r"is not of this grid.*; it is left as it is"):
-        write_zarr(made, path)
-    assert {file: file.read_bytes() for file in path.rglob("*") if file.is_file()} == content
-
-
-def test_what_cannot_be_written(tmp_path):
+def test_what_is_something_else_stays_as_it_is(tmp_path):
+    """Stores of other questions and what is no store."""
+    write_zarr(grid(), tmp_path / "grid.zarr")
+    grid(chunks=None).to_zarr(tmp_path / "other.zarr", zarr_format=2)
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("in the way")
-    grid(chunks=None).to_zarr(tmp_path / "other.zarr", zarr_format=2)
-    for name in ("folder", "file", "other.zarr"):
-        refuse(grid(), tmp_path / name)
-    with pytest.raises(ValueError, match=r"store: the folder .*file.* cannot be written to"):
-        write_zarr(grid(), tmp_path / "file" / "grid.zarr")
-    with pytest.raises(ValueError, match="dataset must be lazy"):
-        write_zarr(grid(chunks=None), tmp_path / "grid.zarr")
-    with pytest.raises(ValueError, match="uniform chunk sizes"):
-        write_zarr(grid(chunks={"slenderness": (1, 3, 1)}), tmp_path / "grid.zarr")
-    assert not (tmp_path / "grid.zarr").exists()
+    files = [file for file in tmp_path.rglob("*") if file.is_file()]
+    content = [file.read_bytes() for file in files]
+    other = [
+        (grid(width=[0.4, 0.8, 1.3]), "grid.zarr"),
+        (grid(gravity=1.62), "grid.zarr"),
+        (grid(chunks={"slenderness": 3}), "grid.zarr"),
+        *((grid(), name) for name in ("other.zarr", "folder", "file")),
+    ]
+    for made, name in other:
+        with pytest.raises(ValueError, match=r"is not of this grid.*; it is left as it is"):
+            write_zarr(made, tmp_path / name)
+    assert [file.read_bytes() for file in files] == content
+    assert {*files} == {file for file in tmp_path.rglob("*") if file.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("chunks", "name", "message"),
+    [
+        (
+            {"slenderness": 2},
+            "file/grid.zarr",
+            r"store: the folder .*file.* cannot be written",
+        ),
+        (None, "grid.zarr", "dataset must be lazy"),
+        ({"slenderness": (1, 3, 1)}, "grid.zarr", "uniform chunk sizes"),
+    ],
+)
+def test_what_cannot_be_written(tmp_path, chunks, name, message):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(ValueError, match=message):
+        write_zarr(grid(chunks=chunks), tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -16,9 +16,9 @@ from .grid import Grid as Grid
 from .grid import apply_in_tiles as apply_in_tiles
 from .grid import apply_padded as apply_padded
 from .grid import list_points as list_points
-from .lazy import write_zarr
 from .tables import compute_overturned_fraction as compute_overturned_fraction
 from .tables import write_table
+from .zarr_store import write_zarr
 
 __all__ = ["write_table", "write_zarr"]
 
