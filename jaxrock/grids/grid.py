@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -162,18 +162,17 @@ class Grid:
         import xarray
 
         sizes = {name: values.size for name, values in self.axes.items() if values.ndim}
-        if chunks == "auto":
-            chunks = choose_lengths(sizes, self.largest)
-        elif isinstance(chunks, str):
+        lengths: Any = choose_lengths(sizes, self.largest) if chunks == "auto" else chunks
+        if isinstance(lengths, str):
             raise ValueError(
                 'chunks must be "auto" or lengths by dimension, such as'
                 f" {{{next(iter(sizes))!r}: 50}}, got {chunks!r:.60}"
             )
-        template = self.label(self.make_arrays(array.empty, chunks=-1)).chunk(chunks)
+        template = self.label(self.make_arrays(array.empty, chunks=-1)).chunk(lengths)
         # `map_blocks` divides variables, and coordinates along with them: so each axis has a
         # variable. A single point has none, and is computed at once.
         indices = {f"index of {name}": (name, np.arange(size)) for name, size in sizes.items()}
-        blocks = template.coords.to_dataset().assign(indices).chunk(chunks)
+        blocks = template.coords.to_dataset().assign(indices).chunk(lengths)
         # This travels with every task, the values of its chunk come by themselves. Arrays
         # travel as those of NumPy: arrived in a process of single precision, one of JAX would
         # have lost half of its digits before `enable_x64` is called.
@@ -255,18 +254,18 @@ def apply_padded(function: Callable[[_Tree], object], tree: _Tree) -> np.ndarray
     return answers[:size] if answers.ndim else answers
 
 
-def choose_lengths(sizes: Mapping[str, int], largest: int) -> dict[str, int]:
+def choose_lengths(sizes: Mapping[Any, int], largest: int) -> dict[Any, int]:
     """Choose lengths of parts of at most `largest` points, dividing the first axes first."""
     # As long as whole axes fit, a part lies in one piece in memory and in the file, whose last
     # axis runs fastest.
-    lengths = dict[str, int]()
+    lengths = dict[Any, int]()
     for name, size in reversed([*sizes.items()]):
         lengths[name] = min(size, max(largest, 1))
         largest //= lengths[name]
     return lengths
 
 
-def divide(sizes: Mapping[str, int], largest: int) -> list[dict[str, slice]]:
+def divide(sizes: Mapping[Any, int], largest: int) -> list[dict[Any, slice]]:
     """Divide a grid into parts of at most `largest` points, in the order of its points."""
     lengths = choose_lengths(sizes, largest)
     cuts = [

@@ -1,5 +1,6 @@
 """Lazy datasets written to Zarr stores, region by region, by one run or by several."""
 
+import contextlib
 import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,14 +77,13 @@ def write_zarr(dataset: "xarray.Dataset", path: str | Path) -> "xarray.Dataset":
     ]
     if not path.exists():
         _begin_store(dataset, path, token, len(regions))
-    try:
-        with xarray.open_zarr(path) as store:
-            is_begun = store.attrs[_TOKEN] == token
-            written = store[_WRITTEN].values
+    written = None
     # What Zarr and xarray raise about a folder, or a file, that holds something else.
-    except (OSError, ValueError, KeyError, TypeError):
-        is_begun = False
-    if not is_begun:
+    failures = (OSError, ValueError, KeyError, TypeError)
+    with contextlib.suppress(*failures), xarray.open_zarr(path) as store:
+        if store.attrs[_TOKEN] == token:
+            written = store[_WRITTEN].values
+    if written is None:
         raise ValueError(
             f"store: {str(path)!r} is not of this grid, these chunks and this version of"
             " jaxrock; it is left as it is"
