@@ -73,7 +73,7 @@ CODE_LINES = {
     "calibration": 1654,
     "calibration/outcomes": 1655,
     "accuracy": 644,
-    "grids": 327,
+    "grids": 326,
     "spectra": 835,
     "risk": 2151,
     "plot": 1078,
