@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import dask
 import dask.array as da
 import jax
 import pytest
@@ -124,38 +125,32 @@ def test_a_store_is_continued(tmp_path, monkeypatch, intensity):
     assert whole.attrs.items() <= stored.attrs.items()
 
 
-RUN = """
-import os, signal, sys
-import dask, jax
-jax.config.update("jax_enable_x64", {double})
-sys.path.insert(0, {folder!r})
-from jaxrock.grids import zarr_store
-from test_lazy import grid
-calls = []
-def write(*arguments, single=zarr_store._write_region):
-    single(*arguments)
-    calls.append(arguments)
-    if len(calls) == 2:
-        os.kill(os.getpid(), signal.SIGKILL)
-zarr_store._write_region = write
-with dask.config.set(scheduler="synchronous"):
-    zarr_store.write_zarr(grid(chunks={{"slenderness": 1}}), {path!r})
-"""
+def begin_and_be_killed(path):
+    calls = []
+
+    def write(*arguments, single=zarr_store._write_region):
+        single(*arguments)
+        calls.append(arguments)
+        if len(calls) == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    zarr_store._write_region = write
+    with dask.config.set(scheduler="synchronous"):
+        write_zarr(grid(chunks={"slenderness": 1}), path)
 
 
 @pytest.mark.thorough
 def test_a_run_that_is_killed_is_continued(tmp_path):
     """By another process, whose question has to be known as the same one."""
     path = tmp_path / "grid.zarr"
-    folder = str(Path(__file__).parent)
-    code = RUN.format(double=jax.config.jax_enable_x64, folder=folder, path=str(path))
-    done = subprocess.run([sys.executable, "-c", code], check=False)
-    assert done.returncode == -signal.SIGKILL
-    flags = sorted((path / zarr_store._WRITTEN).glob("[0-9]"))
-    assert len(flags) == 2
-    before = [flag.stat().st_mtime_ns for flag in flags]
+    code = f"import test_lazy; test_lazy.begin_and_be_killed({str(path)!r})"
+    env = os.environ | {"JAX_ENABLE_X64": str(jax.config.jax_enable_x64)}
+    run = functools.partial(subprocess.run, cwd=Path(__file__).parent, env=env, check=False)
+    assert run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
+    before = {flag: flag.stat().st_mtime_ns for flag in (path / "written").glob("[0-9]")}
+    assert len(before) == 2
     stored = write_zarr(grid(chunks={"slenderness": 1}), path)
-    assert [flag.stat().st_mtime_ns for flag in flags] == before
+    assert {flag: flag.stat().st_mtime_ns for flag in before} == before
     assert_equal(stored.drop_attrs(), grid(chunks=None).drop_attrs())
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import xarray
 from references.half_sine_rates import DURATIONS, closed_rate, hazard, pulses, verge
-from scipy import optimize, stats
+from scipy import stats
 
 import jaxrock as jr
 
@@ -25,14 +25,6 @@ def test_fragility_of_many_is_that_of_each():
     one = jr.fragility(jr.Block(HALF_WIDTHS[2], 4.0), RESTITUTIONS[2], *arguments, **options)
     alone = many.isel(object=2, drop=True)
     xarray.testing.assert_allclose(alone, one, rtol=1e-12, atol=1e-14)
-
-
-@pytest.mark.thorough
-def test_fragility_over_a_measure_of_the_block():
-    """Each object has its own levels of motion where the measure is relative to it."""
-    options = {**LINEARIZED, "measure": "pga_ratio", "thresholds": ["uplift"]}
-    many = jr.fragility(BLOCKS, 0.8, pulses(50), [0.9, 1.1], **options)
-    np.testing.assert_array_equal(many.exceedance[..., 0], [[0, 1]] * 3)
 
 
 @pytest.mark.thorough
@@ -56,16 +48,11 @@ def test_rates_of_many_are_those_of_each():
         assert float(derivatives[k]) == pytest.approx(float(derivative.half_width), rel=1e-9)
 
 
-def find_half_width(level, duration):
-    """The half-width that a pulse of this level just overturns, inside of what samples have."""
-
-    def exceed(half_width):
-        return float(verge("pgv", duration, half_width, 4.0, 4 / 3)) - level
-
-    ends = (0.03, 1.5)
-    if exceed(ends[0]) >= 0 or exceed(ends[1]) <= 0:
-        return ends[0] if exceed(ends[0]) >= 0 else ends[1]
-    return optimize.brentq(exceed, *ends)
+def find_half_widths(levels, duration):
+    """The half-widths that pulses of these levels just overturn, of 0.03 to 1.5 m."""
+    sizes = np.geomspace(0.03, 1.5, 100)
+    critical = [float(verge("pgv", duration, b, 4.0, 4 / 3)) for b in sizes]
+    return np.exp(np.interp(levels, critical, np.log(sizes)))
 
 
 @pytest.mark.thorough
@@ -76,10 +63,7 @@ def test_an_uncertain_size_in_closed_form():
     uncertain = jr.Uncertain({"half_width": 0.2}, samples=512)
     options = {**LINEARIZED, "thresholds": ["overturning"], "uncertain": uncertain}
     curves = jr.fragility(jr.Block(0.25, 4.0), 0.85, pulses(400), levels, **options)
-    critical = np.array([[find_half_width(x, d) for x in levels] for d in DURATIONS])
+    critical = np.array([find_half_widths(levels, duration) for duration in DURATIONS])
     exact = stats.norm.cdf(np.log(critical / 0.25) / np.sqrt(np.log1p(0.2**2)))
     np.testing.assert_allclose(curves.overturned.mean("sample"), exact, atol=0.01)
     np.testing.assert_allclose(curves.exceedance[:, 0], exact.mean(axis=0), atol=0.01)
-    # Of the binomial interval: the count of records, which are 3, need not be whole.
-    low = stats.beta.ppf(0.025, 3 * exact.mean(axis=0), 4 - 3 * exact.mean(axis=0))
-    np.testing.assert_allclose(curves.exceedance_low[:, 0], low, atol=0.01)

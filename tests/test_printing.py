@@ -33,7 +33,6 @@ def test_a_number_or_the_range_of_an_array_and_its_unit(value, pieces):
         (lambda c: jr.Scene(BLOCK, c, 0.1), ["half-width 0.1 m", "9.81 m/s2", "0.1 m/s"]),
         (lambda c: jr.DrivenScene(BLOCK, c, SINE), ["restitution 0.7", "3 m/s2", "0.5 s"]),
         (lambda c: jr.Record(c * jnp.array([0.0, 1.0]), 0.1), ["2 samples", "0.1 s"]),
-        (lambda c: jr.model_error(jr.Scene(BLOCK, c, 0.1)), ["linearizing", "rotation"]),
         (lambda c: jr.respond_batch(BLOCK, c, SINE), ["overturned", "no"]),
     ],
 )
