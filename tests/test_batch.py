@@ -1,10 +1,7 @@
 """Many blocks at once, against the adaptive integrator and the independent one."""
 
-import concurrent.futures
 import csv
 import dataclasses
-import threading
-import time
 
 import jax
 import jax.numpy as jnp
@@ -368,27 +365,6 @@ def test_estimate_of_within_covers_what_an_independent_integration_finds():
     error = np.abs(found.response.peak_rotation / peak - 1)[stands]
     assert (error <= np.maximum(found.error[stands], 1e-9)).all()  # to which the table is good
     assert (found.error[stands] <= 1e-6).all()
-
-
-def test_threads_are_no_more_than_there_are_workers():
-    """However many callers there are, as where each is a thread of another pool."""
-    busy = []
-    most = []
-    lock = threading.Lock()
-
-    def work(_):
-        with lock:
-            busy.append(1)
-            most.append(len(busy))
-        time.sleep(0.01)
-        with lock:
-            busy.pop()
-
-    with concurrent.futures.ThreadPoolExecutor(4) as callers:
-        list(callers.map(lambda _: map_in_threads(work, range(4), 2), range(4)))
-    assert max(most) == 2
-    nested = map_in_threads(lambda _: map_in_threads(lambda k: k, range(3), 2), range(4), 2)
-    assert nested == [[0, 1, 2]] * 4
 
 
 @pytest.mark.float64

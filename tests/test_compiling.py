@@ -272,8 +272,6 @@ LEFT_OUT = {
     "read_tests": "reads, and scales by a program of one size",
     "read_record": "reads without JAX",
     "write_table": "writes without JAX",
-    "OwnProcessors": "starts without JAX",
-    "local_cluster": "starts without JAX",
     "write_zarr": "writes what others compute",
     "measure_tradeoff": "measures first calls too",
 }
@@ -304,7 +302,6 @@ ANSWERS = {
     jr.sensitivity.TornadoBars,
     jr.risk.OverturningRate,
     jr.risk.RateElasticities,
-    jr.grids.Stored,
     jr.resonance.TrainResponse,
     jr.driven.EstimatedResponse,
     jr.resonance.WorstTrain,

@@ -1,204 +1,204 @@
-"""Lazy datasets are those in memory, to the last bit, and an xarray user finds what they expect."""
+"""Lazy datasets are those in memory, and a store of one is continued after whatever ended a run."""
 
-import importlib
-import inspect
+import functools
+import os
+import signal
+import subprocess
 import sys
+from pathlib import Path
 
 import dask
 import dask.array as da
-import equinox as eqx
-import numpy as np
+import jax
 import pytest
 import xarray
-from tables.grids import AXES, GRIDS, record, same_bits, suite
+from distributed import Client, LocalCluster
+from tables.grids import AXES, GRIDS, record
 from tools.selection import some_by_default
 
 import jaxrock as jr
-from jaxrock.driven import follow_batch
-from jaxrock.grids import apply_padded
-from jaxrock.grids.lazy import choose_chunks
+from jaxrock.grids import write_zarr, zarr_store
 from jaxrock.spectra import resonance
 
-SHORT = {"resonance", "rocking"}  # to compile
+
+def assert_equal(found, expected):
+    """To rounding, which chunks may change."""
+    rtol = 1e-12 if jax.config.jax_enable_x64 else 1e-5
+    xarray.testing.assert_allclose(found, expected, rtol=rtol)
+    assert found.attrs == expected.attrs
+    for name, variable in expected.variables.items():
+        assert found[name].dtype == variable.dtype
+        assert repr(found[name].attrs) == repr(variable.attrs)
 
 
-@pytest.mark.parametrize("name", some_by_default(GRIDS, SHORT))
-def test_chunks_change_no_bit(name):
-    function, several = GRIDS[name]
+def grid(**changes):
+    names = ("slenderness", "width", "restitution")
+    axes = dict(zip(names, AXES, strict=True)) | {"intensity": 0.15}
+    return jr.resonance_spectrum(**axes | {"chunks": {"slenderness": 2}} | changes)
+
+
+@pytest.mark.parametrize("name", some_by_default(GRIDS, {"resonance", "rocking"}))
+def test_chunks_change_nothing(name):
+    function, chunks = GRIDS[name]
     whole = function()
-    for chunks in several:
-        lazy = function(chunks=chunks)
-        for variable in lazy.data_vars.values():
-            assert isinstance(variable.data, da.Array)
-        kinds = {name: (v.dims, v.shape, v.dtype) for name, v in lazy.data_vars.items()}
-        assert kinds == {
-            name: (v.dims, v.shape, v.dtype) for name, v in whole.data_vars.items()
-        }
-        if chunks != "auto":
-            for dim, length in chunks.items():
-                assert max(lazy.chunks[dim]) == min(length, whole.sizes[dim])
-        assert all(
-            len(lengths) == 1 for dim, lengths in lazy.chunks.items() if dim not in chunks
-        )
-        same_bits(lazy.compute(), whole)
-
-
-@pytest.mark.parametrize("scheduler", ["synchronous", "threads"])
-def test_schedulers(tmp_path, scheduler):
-    function, (_, chunks, _) = GRIDS["resonance"]
-    whole = function()
-    lazy = function(chunks=chunks)
-    with dask.config.set(scheduler=scheduler):
-        same_bits(lazy.compute(), whole)
-        lazy.to_zarr(tmp_path / "grid.zarr", zarr_format=2)
-    with xarray.open_zarr(tmp_path / "grid.zarr") as stored:
-        for name in whole:
-            assert stored[name].values.tobytes() == whole[name].values.tobytes()
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("model", ["linearized", "nonlinear"])
-def test_tiles_of_all_sizes_round_alike(monkeypatch, model):
-    """On one processor they are smaller than on several."""
-    axes = (np.linspace(3, 9, 40), np.linspace(0.2, 2, 30), np.linspace(0.5, 0.9, 10), 0.15)
-    found = []
-    for tile in resonance._TILES:
-        monkeypatch.setattr(resonance, "_TILES", (tile, tile))
-        found.append(jr.resonance_spectrum(*axes, model=model))
-    same_bits(*found)
+    made = function(chunks=chunks)
+    assert all(isinstance(variable.data, da.Array) for variable in made.data_vars.values())
+    assert {dim: max(lengths) for dim, lengths in made.chunks.items()} == {
+        **whole.sizes,
+        **chunks,
+    }
+    assert_equal(made.compute(scheduler="synchronous"), whole)
+    assert_equal(function(chunks="auto").compute(), whole)
 
 
 def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
     asked = []
 
-    def counted(points, *rest, single=resonance._compute_by_model, **options):
+    def count(points, *rest, single=resonance._compute_by_model, **options):
         asked.append(points.shape[1])
         return single(points, *rest, **options)
 
-    monkeypatch.setattr(resonance, "_compute_by_model", counted)
-    lazy = jr.resonance_spectrum(*AXES, 0.15, chunks={"slenderness": 2})
-    assert str(lazy.stabilized_period.data).startswith("dask.array")
+    monkeypatch.setattr(resonance, "_compute_by_model", count)
+    made = grid()
     assert asked == []
-    with dask.config.set(scheduler="synchronous"):
-        point = lazy.sel(slenderness=9.0, width=0.8, restitution=0.6).compute()
+    made.sel(slenderness=9.0, width=0.8, restitution=0.6).compute(scheduler="synchronous")
     assert asked == [6]  # the last chunk, one slenderness
-    assert float(point.stabilized_period) == float(
-        jr.resonance_spectrum(9.0, 0.8, 0.6, 0.15).stabilized_period
-    )
 
 
-def test_equal_grids_have_equal_names():
-    """So that Dask and stores know them again, in every process."""
-
-    def names(**options):
-        axes = {"slenderness": 5.0, "restitution": 0.8} | options
-        lazy = jr.rocking_spectrum(suite(), [1.0, 2.0], chunks={"record": 1}, **axes)
-        return [variable.data.name for variable in lazy.data_vars.values()]
-
-    assert names() == names()
-    for other in (
-        {"slenderness": 5.1},
-        {"gravity": 1.62},
-        {"factor": 2.0},
-        {"model": "linearized"},
-    ):
-        assert not {*names()} & {*names(**other)}
-    first, other = (
-        jr.rocking_spectrum(record(150, k), [1.0, 2.0], 5.0, chunks="auto").margin.data.name
-        for k in (0, 1)
-    )
-    assert first != other
+@pytest.mark.float64
+def test_precision_is_the_one_of_who_made_the_dataset():
+    made = grid()
+    jax.config.update("jax_enable_x64", False)
+    try:
+        found = made.compute()
+    finally:
+        jax.config.update("jax_enable_x64", True)
+    assert_equal(found, grid(chunks=None))
 
 
 @pytest.mark.thorough
 def test_a_map_lists_what_there_is():
     """As many boundaries as there are, or the lowest of them; the count says so."""
-    found = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9)
-    assert found["count"].values.tolist() == [1, 3]
-    assert found.sizes["boundary"] == 3
-    lazy = jr.overturning_map(
-        jr.Sine, [0.5, 4.0], restitution=0.9, chunks={"frequency_ratio": 1}
-    )
-    assert lazy.sizes["boundary"] == 16
-    same_bits(lazy.compute().isel(boundary=slice(3)), found)
-    listed = jr.overturning_map(jr.Sine, [0.5, 4.0], restitution=0.9, max_boundaries=2)
-    same_bits(listed, found.isel(boundary=slice(2)))
+    make = functools.partial(jr.overturning_map, jr.Sine, [0.5, 4.0], restitution=0.9)
+    whole = make()
+    assert whole["count"].values.tolist() == [1, 3]
+    assert whole.sizes["boundary"] == 3
+    made = make(chunks={"frequency_ratio": 1})
+    assert made.sizes["boundary"] == 16
+    assert_equal(made.compute().isel(boundary=slice(3)), whole)
+    assert_equal(make(max_boundaries=2), whole.isel(boundary=slice(2)))
 
 
 def test_factors_are_those_on_the_motion():
     motion = record(200, 3)
-    axes = ([1.0, 2.0], [4.0, 6.0], 0.8)
-    found = jr.rocking_spectrum(motion, *axes, factor=[0.5, 2.0])
-    for factor in (0.5, 2.0):
-        alone = jr.rocking_spectrum(motion.scaled(factor), *axes)
-        for name in alone:
-            values = found[name].sel(factor=factor).values
-            assert values.tobytes() == alone[name].values.tobytes()
-
-
-def test_what_goes_wrong_in_a_task_comes_back(monkeypatch):
-    lazy = jr.overturning_spectrum(jr.Sine, [1.0, 2.0], 2.0, chunks={"frequency_ratio": 1})
-    monkeypatch.setattr("jaxrock.spectra.driven.follow_batch", incomplete)
-    with pytest.raises(
-        ValueError, match=r"not finish for frequency ratio [12], amplitude ratio 2$"
-    ):
-        lazy.compute(scheduler="synchronous")
-
-
-def incomplete(*arguments, **options):
-    response = follow_batch(*arguments, **options)
-    stopped = np.full_like(response.status, jr.Status.STOPPED)
-    return eqx.tree_at(lambda r: r.status, response, stopped)
+    whole = jr.rocking_spectrum(motion, [1.0, 2.0], 4.0, 0.8, factor=[0.5, 2.0])
+    alone = jr.rocking_spectrum(motion.scaled(2.0), [1.0, 2.0], 4.0, 0.8)
+    xarray.testing.assert_allclose(whole.sel(factor=2.0, drop=True), alone, rtol=1e-12)
 
 
 def test_without_the_extra(monkeypatch):
-    for name in [
-        name for name in sys.modules if name == "jaxrock.grids.lazy" or "zarr_store" in name
-    ]:
-        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "dask", None)
-    said = r"dask is not installed; .* 'jaxrock\[cluster\]' brings it"
-    with pytest.raises(ModuleNotFoundError, match=said):
-        jr.resonance_spectrum(*AXES, 0.15, chunks="auto")
-    with pytest.raises(ModuleNotFoundError, match=said):
-        _ = jr.grids.write_zarr
+    with pytest.raises(
+        ModuleNotFoundError, match=r"dask is .* 'jaxrock\[cluster\]' brings it"
+    ):
+        grid()
 
 
-def test_without_the_extra_what_needs_it_is_not_listed(monkeypatch):
-    """`help` and a star import get all that is listed."""
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    try:
-        importlib.reload(jr.grids)
-        assert dir(jr.grids) == jr.grids.__all__ == ["write_table"]
-        assert inspect.getmembers(jr.grids) == [("write_table", jr.write_table)]
-    finally:
-        monkeypatch.undo()
-        importlib.reload(jr.grids)
-    assert "write_zarr" in dir(jr.grids)
+@pytest.mark.parametrize("intensity", [0.15, 30.0])  # all of these overturn: NaN throughout
+def test_a_store_is_continued(tmp_path, monkeypatch, intensity):
+    """A region without its flag is computed again, whatever was written of it."""
+    path = tmp_path / "new" / "grid.zarr"
+    whole = grid(intensity=intensity, chunks=None)
+    assert_equal(write_zarr(grid(intensity=intensity), path).drop_attrs(), whole.drop_attrs())
+    (path / zarr_store._WRITTEN / "1").unlink()
+    (path / "rotation_ratio" / "1.0.0").write_bytes(b"half")
+    numbers = []
+
+    def count(part, path, region, number, single=zarr_store._write_region):
+        numbers.append(number)
+        single(part, path, region, number)
+
+    monkeypatch.setattr(zarr_store, "_write_region", count)
+    stored = write_zarr(grid(intensity=intensity), path)
+    assert numbers == [1]
+    assert_equal(stored.drop_attrs(), whole.drop_attrs())
+    assert whole.attrs.items() <= stored.attrs.items()
+
+
+def begin_and_be_killed(path):
+    calls = []
+
+    def write(*arguments, single=zarr_store._write_region):
+        single(*arguments)
+        calls.append(arguments)
+        if len(calls) == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    zarr_store._write_region = write
+    with dask.config.set(scheduler="synchronous"):
+        write_zarr(grid(chunks={"slenderness": 1}), path)
+
+
+@pytest.mark.thorough
+def test_a_run_that_is_killed_is_continued(tmp_path):
+    """By another process, whose question has to be known as the same one."""
+    path = tmp_path / "grid.zarr"
+    code = f"import test_lazy; test_lazy.begin_and_be_killed({str(path)!r})"
+    env = os.environ | {"JAX_ENABLE_X64": str(jax.config.jax_enable_x64)}
+    run = functools.partial(subprocess.run, cwd=Path(__file__).parent, env=env, check=False)
+    assert run([sys.executable, "-c", code]).returncode == -signal.SIGKILL
+    before = {flag: flag.stat().st_mtime_ns for flag in (path / "written").glob("[0-9]")}
+    assert len(before) == 2
+    stored = write_zarr(grid(chunks={"slenderness": 1}), path)
+    assert {flag: flag.stat().st_mtime_ns for flag in before} == before
+    assert_equal(stored.drop_attrs(), grid(chunks=None).drop_attrs())
+
+
+@pytest.mark.thorough
+@pytest.mark.filterwarnings("ignore::UserWarning")  # the port of the dashboard may be taken
+def test_a_cluster_of_two_processes(tmp_path):
+    function, chunks = GRIDS["rocking of a suite"]
+    with LocalCluster(n_workers=2, threads_per_worker=1) as cluster, Client(cluster) as client:
+        stored = write_zarr(function(chunks=chunks), tmp_path / "grid.zarr")
+        assert len({*client.run(os.getpid).values()}) == 2
+    assert_equal(stored.drop_attrs(), function().drop_attrs())
+
+
+def test_what_is_something_else_stays_as_it_is(tmp_path):
+    """Stores of other questions and what is no store."""
+    write_zarr(grid(), tmp_path / "grid.zarr")
+    grid(chunks=None).to_zarr(tmp_path / "other.zarr", zarr_format=2)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("in the way")
+    files = [file for file in tmp_path.rglob("*") if file.is_file()]
+    content = [file.read_bytes() for file in files]
+    other = [
+        (grid(width=[0.4, 0.8, 1.3]), "grid.zarr"),
+        (grid(gravity=1.62), "grid.zarr"),
+        (grid(chunks={"slenderness": 3}), "grid.zarr"),
+        *((grid(), name) for name in ("other.zarr", "folder", "file")),
+    ]
+    for made, name in other:
+        with pytest.raises(ValueError, match=r"is not of this grid.*; it is left as it is"):
+            write_zarr(made, tmp_path / name)
+    assert [file.read_bytes() for file in files] == content
+    assert {*files} == {file for file in tmp_path.rglob("*") if file.is_file()}
 
 
 @pytest.mark.parametrize(
-    ("sizes", "largest", "expected"),
+    ("chunks", "name", "message"),
     [
-        ({"a": 10, "b": 4}, 12, {"a": (3, 3, 3, 1), "b": (4,)}),
-        ({"a": 10, "b": 4}, 3, {"a": (1,) * 10, "b": (3, 1)}),
-        ({"a": 2, "b": 4}, 100, {"a": (2,), "b": (4,)}),
+        (
+            {"slenderness": 2},
+            "file/grid.zarr",
+            r"store: the folder .*file.* cannot be written",
+        ),
+        (None, "grid.zarr", "dataset must be lazy"),
+        ({"slenderness": (1, 3, 1)}, "grid.zarr", "uniform chunk sizes"),
     ],
 )
-def test_usual_chunks(sizes, largest, expected):
-    assert choose_chunks("auto", sizes, largest) == expected
-    explicit = choose_chunks({"a": expected["a"], "b": expected["b"][0]}, sizes, largest)
-    assert explicit == expected
-
-
-def test_functions_see_few_shapes():
-    seen = []
-
-    def twice(values):
-        seen.append(values.shape)
-        return 2 * values
-
-    for size in (1, 100, 256, 257, 400):
-        values = np.arange(size, dtype=float)
-        np.testing.assert_array_equal(apply_padded(twice, values), 2 * values)
-    assert {*seen} == {(256,), (512,)}
+def test_what_cannot_be_written(tmp_path, chunks, name, message):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(ValueError, match=message):
+        write_zarr(grid(chunks=chunks), tmp_path / name)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -10,7 +10,7 @@ import pytest
 import xarray
 
 import jaxrock as jr
-from jaxrock.host import CannotWrite, write_whole
+from jaxrock.host import write_whole
 
 
 @pytest.fixture(autouse=True)
@@ -60,7 +60,7 @@ def test_a_full_disk_under_netcdf(tmp_path):
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
     try:
         with (
-            pytest.raises(CannotWrite, match=r"out: .*new' cannot be written to: NetCDF"),
+            pytest.raises(ValueError, match=r"out: .*new' cannot be written to: NetCDF"),
             write_whole("out", tmp_path / "new", ["x.nc"], False) as scratch,
         ):
             xarray.Dataset({"x": ("n", [0.0] * 10_000)}).to_netcdf(scratch / "x.nc")

@@ -4,10 +4,7 @@ import os
 import subprocess
 import sys
 
-import jax
 import pytest
-
-from jaxrock.cli import compiled_programs as compiled
 
 HEAVY = {"diffrax", "lineax", "optimistix", "optax", "scipy", "xarray", "pandas", "matplotlib"}
 HEAVY |= {"dask", "zarr", "obspy", "h5py", "netCDF4", "PIL", "cyclopts", "rich"}
@@ -40,21 +37,3 @@ def test_a_second_command_compiles_nothing(tmp_path):
     assert len(kept) > 5
     assert start("-W", "error", *words, **homes) == first
     assert {path: path.stat().st_size for path in tmp_path.rglob("*-cache")} == kept
-    for path in kept:  # as left by a process that was killed: it is compiled anew
-        path.write_bytes(path.read_bytes()[:-100])
-    assert start(*words, **homes) == first
-
-
-def test_nothing_is_changed_for_who_has_told_jax_where_to_keep_programs():
-    before = dict(jax.config.values)
-    compiled.keep_compiled()
-    assert jax.config.values == before
-
-
-def test_the_folder_is_bounded_and_what_was_used_last_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiled, "MAX_BYTES", 25)
-    for used, name in enumerate(("b", "a", "c")):
-        (tmp_path / name).write_bytes(10 * b"x")
-        os.utime(tmp_path / name, (used, 10 - used))
-    compiled._drop_oldest(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == {"a", "c"}

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 _Data = TypeVar("_Data", "xarray.DataArray", "xarray.Dataset")
 Values = TypeAliasType("Values", Number | Sequence[float | int])
+Chunks = TypeAliasType("Chunks", Mapping[str, int | Sequence[int]] | str)
 
 DataType = type | np.dtype | str  # of NumPy arrays
 

@@ -1,6 +1,5 @@
 """Datasets that need not fit into memory, read part by part: written as tables, counted."""
 
-from collections.abc import Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,10 +7,12 @@ from ..host import defer_interrupts, show_progress, write_whole
 from ..tables import format_heading, write_inputs
 from ..validation import check_kind
 from .axes import expand_scalars
-from .grid import divide_into_chunks
+from .grid import divide
 
 if TYPE_CHECKING:
     import xarray
+
+_LARGEST = 2**18  # points that are read at once
 
 
 def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
@@ -55,7 +56,7 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
         open(scratch / path.name, "w", newline="", encoding="utf-8") as file,
     ):
         write_inputs(file, {n: v for n, v in dataset.attrs.items() if n != "Conventions"})
-        for index, part in enumerate(show_progress(divide_dataset(dataset), "table")):
+        for index, part in enumerate(show_progress(divide(dataset.sizes, _LARGEST), "table")):
             with defer_interrupts():  # of the file that the dataset may be read from
                 frame = dataset.isel(part).to_dataframe().reset_index()
             heads = [
@@ -72,13 +73,5 @@ def compute_overturned_fraction(dataset: "xarray.Dataset") -> float:
     """Compute the fraction of scenes in a spectrum that overturn under unlimited pulses."""
     # The margin alone is read, and a dataset in a file can be larger than memory.
     margin = dataset.overturning_margin
-    parts = show_progress(divide_dataset(dataset), "overturned")
+    parts = show_progress(divide(dataset.sizes, _LARGEST), "overturned")
     return sum(int((margin.isel(part) <= 0).sum()) for part in parts) / margin.size
-
-
-def divide_dataset(
-    dataset: "xarray.Dataset", largest: int = 2**18
-) -> list[dict[Hashable, slice]]:
-    """Divide a dataset into parts of at most `largest` points, in the order of the rows."""
-    places = divide_into_chunks([*dataset.sizes.values()], largest)
-    return [dict(zip(dataset.sizes, place, strict=True)) for place in places]

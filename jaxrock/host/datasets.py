@@ -1,17 +1,21 @@
 """Labelled datasets that follow the CF conventions when they are written to files."""
 
+import importlib.metadata
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from .version import read_version
 
 if TYPE_CHECKING:
     import xarray
 
 # Dimensions, values, attributes.
 Labelled = tuple[str | Sequence[str], object, Mapping[str, object]]
+
+
+def read_version() -> str:
+    """Return the version of jaxrock that is installed."""
+    return importlib.metadata.version("jaxrock")
 
 
 def make_dataset(
@@ -23,15 +27,14 @@ def make_dataset(
     """Make a dataset with the attributes that the CF conventions ask for."""
     import xarray
 
-    no_fill_value = {"_FillValue": None}  # coordinates have no missing values
-    described = {name: (*entry, no_fill_value) for name, entry in coordinates.items()}
+    # Coordinates have no missing values.
+    described = {name: (*entry, {"_FillValue": None}) for name, entry in coordinates.items()}
     dataset = xarray.Dataset(variables, described)
     # CF does not allow coordinates that are not monotone: then it does not claim to follow it.
-    signs = [np.sign(np.diff(values)) for values in dataset.indexes.values()]
-    if all(sign.size == 0 or (sign[0] and (sign == sign[0]).all()) for sign in signs):
+    indexes = dataset.indexes.values()
+    if all(i.is_monotonic_increasing or i.is_monotonic_decreasing for i in indexes):
         dataset.attrs["Conventions"] = "CF-1.9"  # the first with NumPy's integers of 64 bits
-    source = f"jaxrock {read_version()}"
-    return dataset.assign_attrs({"title": title, "source": source, **attributes})
+    return dataset.assign_attrs(title=title, source=f"jaxrock {read_version()}", **attributes)
 
 
 def add_names(
@@ -46,5 +49,5 @@ def add_names(
         for dimension, (values, long_name) in names.items()
     }
     named = dataset.assign_coords(coordinates)
-    named.attrs = {n: value for n, value in dataset.attrs.items() if n != "Conventions"}
+    named.attrs.pop("Conventions", None)
     return named

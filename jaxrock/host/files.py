@@ -1,38 +1,16 @@
-"""Reading regular files, and writing files whole or not at all, whatever interrupts it."""
+"""Files that are written whole or not at all, whatever interrupts it."""
 
 import contextlib
-import errno
 import os
 import shutil
 import signal
-import stat
+import tempfile
 import threading
-import uuid
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
-# Of this process, beside the folders of the files.
-_scratch_folders = set[Path]()
-
-
-def read_regular(path: Path) -> bytes:
-    """Read a file; an `OSError` for a pipe or a device, which might never end."""
-    if not path.is_dir() and not stat.S_ISREG(path.stat().st_mode):
-        raise OSError(errno.EINVAL, "a regular file was expected, not a pipe or a device")
-    return path.read_bytes()
-
-
-def sync(path: Path) -> None:
-    """Bring a file, or all files of a folder, onto the disk itself.
-
-    Without this a power failure could keep the name of a file and lose its content.
-    """
-    inner = [path] if path.is_file() else path.rglob("*")
-    for file in inner:
-        if file.is_file():
-            with open(file, "rb") as stream:
-                os.fsync(stream.fileno())
+_scratch_folders = set[str]()  # of this process, beside the folders of the files
 
 
 @contextlib.contextmanager
@@ -70,17 +48,6 @@ def end_process(number: int, _: object) -> None:
     os._exit(128 + number)
 
 
-class CannotWrite(ValueError):
-    """The error that a folder cannot be written to, for the `reason` of another error."""
-
-    def __init__(self, argument: str, folder: Path, error: Exception):
-        self.reason = (
-            getattr(error, "reason", None) or getattr(error, "strerror", None) or error
-        )
-        where = f"{argument}: the folder {str(folder)!r}"
-        super().__init__(f"{where} cannot be written to: {self.reason}")
-
-
 @contextlib.contextmanager
 def write_whole(
     argument: str, folder: Path, names: Sequence[str], overwrite: bool
@@ -93,43 +60,22 @@ def write_whole(
     written.
     """
     try:
-        _check_free(argument, folder, names, overwrite)
+        for path in (folder / name for name in names):
+            if path.exists() and not (overwrite and path.is_file()):
+                reason = "exists; --force overwrites it" if path.is_file() else "is no file"
+                raise ValueError(f"{argument}: {str(path)!r} {reason}")
         # As near to the target as there is a folder: only within one file system is a move
         # atomic.
-        nearest = next(path for path in (folder, *folder.parents) if path.is_dir())
-        scratch = nearest / f".unfinished-{uuid.uuid4().hex[:8]}"
-        _scratch_folders.add(scratch)
-        try:
-            scratch.mkdir()
-            yield scratch
-            # All are on the disk before the first gets its name: a full disk leaves none.
-            for name in names:
-                sync(scratch / name)
-            # Another run may have written meanwhile.
-            _check_free(argument, folder, names, overwrite)
+        nearest = next(path for path in (folder, *folder.parents) if path.exists())
+        with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=nearest) as scratch:
+            _scratch_folders.add(scratch)
+            yield Path(scratch)
             with defer_interrupts():
                 folder.mkdir(parents=True, exist_ok=True)
                 for name in names:
-                    os.replace(scratch / name, folder / name)
-        finally:
-            with defer_interrupts():
-                shutil.rmtree(scratch, ignore_errors=True)
-            _scratch_folders.discard(scratch)
-    except (OSError, CannotWrite, RuntimeError) as error:  # CannotWrite: of the scratch folder
+                    os.replace(Path(scratch, name), folder / name)
+    except (OSError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and not str(error).startswith("NetCDF:"):
             raise  # netCDF4 reports a full disk, among others, as "NetCDF: ..."
-        raise CannotWrite(argument, folder, error) from error
-
-
-def _check_free(argument: str, folder: Path, names: Sequence[str], overwrite: bool) -> None:
-    """Raise `ValueError` if a file is in the way, `OSError` if there can be no such folder."""
-    for path in (folder / name for name in names):
-        if path.is_dir():
-            raise ValueError(f"{argument}: {str(path)!r} is a folder, a file was expected")
-        if path.exists() and not path.is_file():  # a device, which the file would replace
-            raise ValueError(f"{argument}: {str(path)!r} is not a regular file")
-        if path.exists() and not overwrite:
-            raise ValueError(f"{argument}: {str(path)!r} exists; --force overwrites it")
-    for parent in (folder, *folder.parents):
-        if parent.exists() and not parent.is_dir():
-            raise NotADirectoryError(f"{str(parent)!r} is a file")
+        where = f"{argument}: the folder {str(folder)!r} cannot be written to"
+        raise ValueError(f"{where}: {getattr(error, 'strerror', None) or error}") from error

@@ -54,10 +54,6 @@ class _Iterate(NamedTuple):
         """Check where the bracket is as narrow as the tolerance."""
         return abs(self.x[1] - self.x[0]) <= self.tolerance
 
-    def count_bisections(self) -> float:
-        """Count the bisections to the tolerance, of concrete brackets."""
-        return float(np.log2(abs(self.x[1] - self.x[0]) / self.tolerance).sum())
-
 
 def refine_brackets(
     evaluate: Evaluate,
@@ -104,7 +100,7 @@ def refine_brackets(
         )
     else:
         iterate = jax.tree.map(np.array, iterate)  # which is then changed in place
-        with count_work("boundaries between values", pairs.case.size) as work:
+        with count_work("boundaries between values"):
             for _ in range(_ITERATIONS):
                 wide = np.flatnonzero(~iterate.has_converged())
                 if not wide.size:
@@ -115,15 +111,12 @@ def refine_brackets(
                 # Few values take as long as a batch of them, so that all of it is used.
                 parts = _LANES // wide.size
                 case = pairs.case[wide]
-                bisections = selected.count_bisections()
                 if alone:
                     levels = min(max((parts + 1).bit_length() - 1, 1), _MOST_LEVELS)
-                    work.expect(bisections * (2**levels - 1) / levels)
                     better = _step_ahead(evaluate, propose, selected, case, levels)
                 elif parts >= 4 and tolerance is None:
                     better = _multisect(evaluate, selected, case, parts // 4 * 4)
                 else:
-                    work.expect(bisections)
                     better = _take_step(evaluate, propose, selected, case, np)
                 # `leaves` are the arrays of `iterate` itself.
                 for leaf, new in zip(leaves, jax.tree.leaves(better), strict=True):

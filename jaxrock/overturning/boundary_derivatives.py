@@ -247,7 +247,7 @@ def _differentiate_in_pieces(
         ]
         result = derive(samples, count, *room, form=form, search=search)
         result = np.asarray(result)[:, :count]
-        work.advance(count)
+        work.update(count)
         return result
 
     whole = np.empty((2, size), columns[0].dtype)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..block import Block, block_of, size_of
 from ..ground_motion import choose_floor_step
-from ..host import name_work, show_progress
+from ..host import show_progress
 from ..impact import compute_low_restitution
 from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
@@ -253,14 +253,13 @@ def _search_widths(
     """Search the widths from which on the rate stays below the target."""
     sizes = size_of(block, "sides")
     highest = np.maximum(_WIDEST * sizes["width"], _WIDEST_OF_HEIGHT * sizes["height"])
-    with name_work("required width"):
-        required = search_value(
-            (block, restitution, site, np.asarray(target)),
-            bounds=(_NARROWEST * sizes["width"], highest),
-            along="width",
-            model=model,
-            resolution=_RESOLUTION,
-        )
+    required = search_value(
+        (block, restitution, site, np.asarray(target)),
+        bounds=(_NARROWEST * sizes["width"], highest),
+        along="width",
+        model=model,
+        resolution=_RESOLUTION,
+    )
     value = np.asarray(required.value)
     return {
         "required_width": value,

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
-from ..host import Printed, format_fields, format_table, name_work
+from ..host import Printed, format_fields, format_table
 from ..resonance import ModelLike, Nonlinear
 from ..validation import Number, as_name, check_kind
 from .objects import gather_objects
@@ -117,8 +117,7 @@ def rate_elasticities(
     parameters = list_parameters(*objects, by)
     names = tuple(parameters)
     changed = change_parameters(parameters, names, change, objects[0].one_sided)
-    with name_work("elasticities"):
-        table = compute_outcomes(*changed, site, model, tolerance=_TOLERANCE)
+    table = compute_outcomes(*changed, site, model, tolerance=_TOLERANCE)
     rates = np.asarray(table.contributions.mean(axis=0))
     elasticity = compute_elasticities(parameters, names, change, rates, np.asarray(rate.rate))
     elasticity = jax.device_put(np.moveaxis(elasticity, -1, 0).astype(rates.dtype))

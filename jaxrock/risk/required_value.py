@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..block import SIZES_IN_WORDS, Block
-from ..host import Printed, format_fields, name_work
+from ..host import Printed, format_fields
 from ..impact import read_restitution
 from ..overturning import UNITS
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -184,8 +184,7 @@ def required_value(
     if not (low < high).all():
         raise ValueError(f"bounds must be a lower and a higher value, got {low} and {high}")
     parts = (block, read_restitution(block, restitution), site, target)
-    with name_work(f"required {along.replace('_', '-')}"):
-        return search_value(parts, bounds=(low, high), along=along, model=as_model(model))
+    return search_value(parts, bounds=(low, high), along=along, model=as_model(model))
 
 
 _Parts = tuple[Block, AnyArray, Site, AnyArray]

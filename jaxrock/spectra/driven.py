@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     from ..grids import Chunks
 
 _LARGEST = 2**14  # blocks of a spectrum that are followed at once
-_USUAL = 2**14  # blocks in a chunk of a lazy dataset
 
 # Type, long name and unit.
 _VARIABLES: dict[str, tuple[DataType, str, str]] = {
@@ -346,7 +345,6 @@ def _make_response_grid(
         attributes,
         compute,
         _LARGEST,
-        _USUAL,
         shared=shared,
     )
 

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 
     from ..grids import Chunks
 
-_LARGEST = 2**14  # points of a spectrum that are computed at once
-_USUAL = 2**12  # points in a chunk of a lazy dataset
+_LARGEST = 2**12  # points of a spectrum that are computed at once
 _TILE = 2**6  # points whose orbits go through a program at once
 # Of the programs for orbits only one runs at a time: in JAX 0.10 the threads of several wait
 # for each other.
@@ -170,7 +169,6 @@ def harmonic_spectrum(
         attributes,
         compute,
         _LARGEST,
-        _USUAL,
         shared=shared,
     )
     spectrum = grid.build_dataset(chunks)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from ..grids import Chunks
 
-_USUAL = 2**8  # frequencies in a chunk of a lazy dataset
+_LARGEST = 2**8  # frequencies of a grid whose boundaries are searched at once
 _LISTED = 16  # boundaries at each frequency in a lazy dataset
 _PLANE = ("frequency_ratio", "boundary")
 _LINE = ("frequency_ratio",)
@@ -134,8 +134,7 @@ def overturning_map(  # noqa: PLR0913
         variables,
         attributes,
         functools.partial(compute, columns),
-        ratios.size,
-        _USUAL,
+        _LARGEST,
         columns={"boundary": columns},
         shared=shared,
     )

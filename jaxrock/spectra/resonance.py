@@ -34,7 +34,6 @@ RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
 # compares: the bits of a spectrum must not depend on the number of processors.
 _TILES = (2**12, 2**15)
 _LARGEST = 2**20  # points of a grid at once, for which there is memory
-_USUAL = 2**20  # points in a chunk of a lazy dataset
 
 _VARIABLES = {  # long name and unit
     "rotation_ratio": ("stabilized peak rotation over critical angle", "1"),
@@ -171,7 +170,6 @@ def resonance_spectrum(  # noqa: PLR0913
         attributes,
         functools.partial(_compute_chunk, compute),
         _LARGEST,
-        _USUAL,
         shared=tuple(shared),
     )
     return grid.build_dataset(chunks, store)

@@ -5,8 +5,6 @@ import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..host import read_regular
-
 # By the byte-order mark, which UTF-8 may have too.
 _ENCODINGS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
 
@@ -25,7 +23,7 @@ class NamedFile:
     def read_content(self) -> bytes:
         """Read the whole file; a `ValueError` that names it if it cannot be read."""
         try:
-            return read_regular(self.path)
+            return self.path.read_bytes()
         except OSError as error:
             reason = error.strerror or error
             raise self.error(f"the file cannot be read: {reason}") from error

@@ -437,7 +437,7 @@ def _share_out(
             placed = jax.device_put(placed, devices[k % len(devices)])
         result = follow(*placed, count, control, program=program, lanes=lanes)
         answers = jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
-        work.advance(count)
+        work.update(count)
         return answers
 
     with count_work("motions", size) as work:

@@ -128,7 +128,7 @@ def read_record(
     Parameters
     ----------
     path : str or path
-        A file; neither a pipe nor a device.
+        A file.
     unit : str, optional
         Unit of the accelerations: ``"m/s2"``, ``"cm/s2"``, ``"mm/s2"``, ``"nm/s2"``,
         ``"gal"``, ``"g"``, ``"%g"`` or ``"mg"``, also spelled ``"m/s^2"``, ``"m/s²"``,
