@@ -171,5 +171,4 @@ class FreeRockingFit(Shown, eqx.Module):
             if not np.isnan(value):
                 line = f"{name.replace('_', ' '):20}{value:.6g} {unit}".rstrip()
                 lines.append(f"{line} {known}".rstrip())
-        why = ", the only one without a block" if self.block is None else ""
-        return "\n".join([*lines, f"by the {self.model} model{why}", *self.remarks])
+        return "\n".join([*lines, f"by the {self.model} model", *self.remarks])

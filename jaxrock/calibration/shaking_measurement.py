@@ -76,16 +76,15 @@ class ShakingTest(NamedTuple):
         # Few lengths are compiled.
         times = np.pad(self.time[:until], (0, -(-self.time.size // _TIMES) * _TIMES - until))
         pieces = np.asarray(-(-until // _PIECE))
-        columns = []
-        rotation = np.empty(0)
+        fixed = self.gravity, self.motion, self.initial, self.model
+        outputs = []
         for name in self.parameters:
             along = {other: float(other == name) for other in known}
             arguments = (known, along, times, np.asarray(end))
             arguments = jax.tree.map(lambda leaf: np.asarray(leaf, self.dtype), arguments)
-            fixed = self.gravity, self.motion, self.initial, self.model
-            rotation, slope = _compute_rotations(*arguments, pieces, *fixed)
-            columns.append(np.asarray(slope, float)[:until])
-        return np.asarray(rotation, float)[:until], np.stack(columns, axis=1)
+            outputs.append(_compute_rotations(*arguments, pieces, *fixed))
+        rotations, slopes = np.asarray(outputs, float)[..., :until].swapaxes(0, 1)
+        return rotations[0], slopes.T
 
 
 @jax.jit
