@@ -583,7 +583,7 @@ def test_free_rocking_is_fitted(model):
     tuned = jr.fit_free_rocking(times, WALL, model=model, frequency_known=False)
     assert tuned.block.one_sided
     peaks = [rotation[a:b].max() for a, b in itertools.pairwise(thrown)]
-    fit = jr.fit_free_rocking(None, WALL, peak_rotations=peaks, model=model)
+    fit = jr.fit_free_rocking(times, WALL, peak_rotations=peaks, model=model)
     assert float(fit.restitution) == pytest.approx(0.8, abs=1e-3)
 
 

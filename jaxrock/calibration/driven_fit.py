@@ -3,20 +3,19 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Array
 
 from ..block import Block
 from ..ground_motion import Motion
 from ..host import Printed, Status, describe_status
 from ..impact import housner_restitution, require_free_standing
-from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
     UNIT_INTERVAL,
-    Booleans,
     Integers,
     Number,
     Numbers,
@@ -29,18 +28,16 @@ from ..validation import (
     check_kind,
     unify_precision,
 )
-from .least_squares import OUTSIDE, Values
-from .shaking_measurement import (
-    RESTITUTIONS,
-    ShakingTest,
-    Stage,
-    detect_sides,
-    estimate_rough_noise,
-    fit_in_parts,
-)
+from .free_rocking_motion import OUTSIDE
+from .shaking_measurement import PARAMETERS, ShakingTest, WindowFit, fit_windows
 
-_PARAMETERS = "restitution", "slenderness", "half_width", "inertia_ratio"
-_LEAST_ROOM = 512  # for impacts in a list, so that most tests take the same program
+_OPTIONS = {
+    "restitution": (UNIT_INTERVAL, ""),
+    "initial_rotation": (FINITE, "rad"),
+    "initial_velocity": (FINITE, "rad/s"),
+    "rotation_noise": (POSITIVE, "rad"),
+    "window": (POSITIVE, "s"),
+}
 
 
 class DrivenFit(Printed, eqx.Module):
@@ -51,21 +48,21 @@ class DrivenFit(Printed, eqx.Module):
     parameters : tuple of str
         The names of the fitted parameters.
     values, standard_errors : dict of Array
-        Fitted values and their standard errors, by name of the parameter.
+        Fitted values and their standard errors, by name of the parameter; errors are NaN if
+        the search has not converged.
     covariance : Array, shape (parameters, parameters)
         Covariance of the fitted values, in the order of `parameters`.
     restitution, block : Array, Block
         The coefficient of restitution and the block, with the fitted values.
     rotation, residuals : Array, shape (n,)
-        Computed rotation, and computed minus measured rotation [rad].
+        Computed rotation, and computed minus measured rotation [rad]; NaN if the integration
+        up to the last time does not finish.
     rotation_noise : Array
         Standard deviation of a measured rotation [rad], given or estimated.
     used_until, last_time : Array
         Time up to which measurements are used, and time of the last one [s]. Beyond
-        `used_until` the computed motion departs from the measured one: impacts come in
-        another order, or the motion is so sensitive that derivatives are meaningless.
-    same_order : Array of bool
-        True if the computed and the measured block are at no time observed on opposite sides.
+        `used_until`, which is at most `window`, the computed motion departs from the measured
+        one.
     status : Array of int
         A `jaxrock.Status`: COMPLETE, or NOT_CONVERGED for the part that is used.
     """
@@ -81,24 +78,16 @@ class DrivenFit(Printed, eqx.Module):
     rotation_noise: Reals
     used_until: Reals
     last_time: Reals
-    same_order: Booleans
     status: Integers
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks to read before using the results."""
-        sentences = []
-        status = describe_status(self.status)
-        if status:
-            sentences.append(status)
-        if not bool(self.same_order):
-            sentences.append(
-                "before the end, computed impacts come in another order than measured ones"
-            )
+        sentences = list(filter(None, [describe_status(self.status)]))
         if float(self.used_until) < float(self.last_time):
             sentences.append(
-                f"beyond {float(self.used_until):.4g} s the computed motion departs from the"
-                " measured one or is too sensitive: later measurements are not used"
+                f"measurements beyond {float(self.used_until):.4g} s are not used, since the"
+                " computed motion departs from them or the window ends"
             )
         return tuple(sentences)
 
@@ -124,11 +113,12 @@ def fit_driven_rocking(  # noqa: PLR0913
     initial_velocity: Number = 0.0,
     model: ModelLike = Nonlinear(),
     rotation_noise: Number | None = None,
+    window: Number | None = None,
 ) -> DrivenFit:
     """Fit the restitution of a block to its rotation measured on a shaking table.
 
-    The fit minimizes the sum of squared residuals with `respond` and its derivatives. It
-    extends the fitted part of the motion step by step. Otherwise impacts could come in another
+    The fit minimizes the sum of squared residuals with `respond` and its derivatives, over the
+    first impacts and then over more and more of them. Otherwise impacts could come in another
     order: the computed block would be on the wrong side, and no derivative would lead back.
 
     Parameters
@@ -139,8 +129,8 @@ def fit_driven_rocking(  # noqa: PLR0913
     block, motion : Block, Motion
         The block, and the motion of the table.
     restitution : float, optional
-        Initial value of C, or its value if C is not fitted. By default the fit tries values
-        from 0.5 to 0.98, and starts from the value that explains the first part of the motion
+        Initial value of C, or its value if C is not fitted. By default the fit starts from five
+        values between 0.5 and 0.96, and goes on from the one that explains the first impacts
         best. If C is not fitted, Housner's value is the default.
     parameters : sequence of str
         Names of the fitted parameters: "restitution", "slenderness", "half_width",
@@ -152,6 +142,8 @@ def fit_driven_rocking(  # noqa: PLR0913
     rotation_noise : float, optional
         Standard deviation of the measured rotations [rad], taken as independent; by default
         estimated from the residuals.
+    window : float, optional
+        Time up to which measurements are used [s]; by default all of them.
 
     Returns
     -------
@@ -178,154 +170,95 @@ def fit_driven_rocking(  # noqa: PLR0913
     >>> time = np.linspace(0, 4, 201)
     >>> rotation, _ = jr.respond(block, 0.85, pulse, 4.0).history(time)
     >>> fit = jr.fit_driven_rocking(time, rotation, block, pulse)
-    >>> print(f"{fit.restitution:.4f}", bool(fit.same_order))
-    0.8500 True
+    >>> print(f"{fit.restitution:.4f}", f"up to {fit.used_until} s")
+    0.8500 up to 4.0 s
     """
-    test = _check_test(
-        time,
-        rotation,
-        block,
-        motion,
-        restitution,
-        parameters,
-        rotation_noise,
-        (initial_rotation, initial_velocity),
-        as_model(model),
-    )
-    given = None if restitution is None else test.known["restitution"]
-    stage = fit_in_parts(test, given, None if rotation_noise is None else test.noise)
-    return _make_driven_fit(test, stage, block)
-
-
-def _check_test(  # noqa: PLR0913
-    time: Numbers,
-    rotation: Numbers,
-    block: Block,
-    motion: Motion,
-    restitution: Number | None,
-    parameters: Sequence[str],
-    noise: Number | None,
-    initial: tuple[Number, Number],
-    model: RockingModel,
-) -> ShakingTest:
-    """Check the test: all of it concrete and allowed."""
     check_kind("block", block, Block)
     require_free_standing(block, "a fit of driven rocking")
     check_kind("motion", motion, Motion)
     # A string is a sequence of its letters, which are no names.
-    if isinstance(parameters, str) or not parameters:
-        raise ValueError(f"parameters must be one or more names, got {parameters!r}")
-    parameters = list(parameters)
-    for name in parameters:
-        is_known = isinstance(name, str) and name in _PARAMETERS
-        if not is_known or parameters.count(name) > 1:
-            allowed = ", ".join(_PARAMETERS)
-            raise ValueError(f"parameters must be different names of {allowed}, got {name!r}")
-    # Arguments that are not given have a value that passes the checks.
+    names = () if isinstance(parameters, str) else tuple(map(str, parameters))
+    if not names or len(set(names)) < len(names) or not set(names) <= set(PARAMETERS):
+        allowed = ", ".join(PARAMETERS)
+        raise ValueError(
+            f"parameters must be one or more different names of {allowed}, got {parameters!r}"
+        )
     times = as_real("time", time, unit="s")
-    angles = as_real("rotation", rotation, unit="rad")
-    start = as_real("restitution", 0.5 if restitution is None else restitution, unit="")
-    first = as_real("initial_rotation", initial[0], unit="rad")
-    speed = as_real("initial_velocity", initial[1], unit="rad/s")
-    size = as_real("rotation_noise", 1.0 if noise is None else noise, unit="rad")
-    tree = (times, angles, start, (first, speed), size, block, motion)
-    check_concrete(tree, OUTSIDE)
-    if times.ndim != 1 or times.size < 2 or angles.shape != times.shape:
+    rotations = as_real("rotation", rotation, unit="rad")
+    options = {
+        "restitution": restitution,
+        "initial_rotation": initial_rotation,
+        "initial_velocity": initial_velocity,
+        "rotation_noise": rotation_noise,
+        "window": window,
+    }
+    given = {
+        name: as_real(name, value, unit=_OPTIONS[name][1])
+        for name, value in options.items()
+        if value is not None
+    }
+    check_concrete((times, rotations, given, block, motion), OUTSIDE)
+    if times.ndim != 1 or times.size < 2 or rotations.shape != times.shape:
         raise ValueError(
             "time and rotation must be one-dimensional and equally long, with at least 2 values,"
-            f" got shapes {times.shape} and {angles.shape}"
+            f" got shapes {times.shape} and {rotations.shape}"
         )
+    for name, value in given.items():
+        check(name, value, _OPTIONS[name][0])
     check("time", times, NON_NEGATIVE)
     check_increasing("time", times)
-    instants = np.asarray(times, float)  # in NumPy, which compiles nothing
-    measured = np.asarray(angles, float)
-    counts = ~np.isnan(measured)
-    check("rotation", measured[counts], FINITE)
-    if counts.sum() <= len(parameters):
-        least = len(parameters) + 1
-        raise ValueError(
-            f"rotation must have at least {least} known values, got {counts.sum()}"
-        )
-    # The rest in the library's words for wrong values.
-    check("restitution", start, UNIT_INTERVAL)
-    check("initial_rotation", first, FINITE)
-    check("initial_velocity", speed, FINITE)
-    check("rotation_noise", size, POSITIVE)
-    if restitution is None:
-        start = housner_restitution(block)
-    tree = unify_precision((times, start, (first, speed), block, motion))
-    _, start, starts, block, motion = tree
     # Times and rotations stay in float64: only the motion is computed in the precision given.
-    rough_noise = estimate_rough_noise(measured[counts]) if noise is None else float(size)
-    if rough_noise == 0:
-        raise ValueError("rotation must show a block that rocks, got 0 everywhere")
+    instants = np.asarray(times, float)
+    values = np.asarray(rotations, float)
+    end = min(float(given.get("window", np.inf)), float(instants[-1]))
+    check("rotation", values[~np.isnan(values)], FINITE)
+    known = values[(instants <= end) & ~np.isnan(values)]
+    if known.size <= len(names):
+        raise ValueError(
+            f"rotation must have at least {len(names) + 1} known values, got {known.size}"
+        )
+    start = given.get("restitution", housner_restitution(block))
+    initial = given["initial_rotation"], given["initial_velocity"]
+    _, start, initial, block, motion = unify_precision((times, start, initial, block, motion))
+    sizes = ("slenderness", "half_width", "inertia_ratio")
     test = ShakingTest(
         time=instants,
-        # Without NaN, which would stay NaN when it is given no weight.
-        measured=np.where(counts, measured, 0),
-        counts=counts,
-        noise=rough_noise,
-        known={
-            "restitution": float(start),
-            "slenderness": float(block.slenderness),
-            "half_width": float(block.half_width),
-            "inertia_ratio": float(block.inertia_ratio),
-        },
+        measured=values,
+        window=end,
+        noise=float(given["rotation_noise"]) if "rotation_noise" in given else None,
+        known={"restitution": float(start), **{n: float(getattr(block, n)) for n in sizes}},
+        start_given="restitution" in given,
         gravity=block.gravity,
         motion=motion.bucketed(),
-        initial=starts,
-        parameters=tuple(parameters),
-        model=model,
-        room=_LEAST_ROOM,
+        initial=initial,
+        parameters=names,
+        model=as_model(model),
     )
-    return test._replace(room=_choose_room(test))
+    return _make_driven_fit(test, fit_windows(test))
 
 
-def _choose_room(test: ShakingTest) -> int:
-    """Choose room for twice as many impacts as the most lively block that is tried has."""
-    # The higher C, the longer a block rocks. Twice as many, since in the search C and the size
-    # may become those of a block that strikes more often.
-    trials = [test.known["restitution"]]
-    if "restitution" in test.parameters:
-        trials.append(RESTITUTIONS[-1])
-    impacts = [test.follow(test.to_numbers(c), float(test.time[-1]))[2] for c in trials]
-    room = test.room
-    while room < 2 * max(impacts):
-        room *= 4  # so that few are compiled
-    return room
-
-
-def _make_driven_fit(test: ShakingTest, stage: Stage, block: Block) -> DrivenFit:
-    """Make the answer: the motion up to the end by the numbers of the last part."""
-    rotation, _, _ = test.follow(stage.numbers, float(test.time[-1]))
-    if not np.isfinite(rotation).all():
-        raise ValueError(
-            "integration did not finish with the fitted values; see the status of respond"
-        )
-    # On opposite sides where both are seen: an impact came in another order in between.
-    opposite = detect_sides(test, test.measured) * detect_sides(test, rotation) < 0
+def _make_driven_fit(test: ShakingTest, fit: WindowFit) -> DrivenFit:
+    """Make the answer: the motion up to the end, with the values fitted to the last window."""
+    rotation, _ = test.simulate(fit.values, float(test.time[-1]))
     names = test.parameters
-    values = test.known | dict(zip(names, stage.values, strict=True))
-    errors = np.sqrt(np.diagonal(stage.covariance))
-
-    def to_real(numbers: Values | float) -> Array:
-        """Convert to the precision in which the test was given."""
-        return as_array(np.asarray(numbers, test.dtype))
-
-    fitted = {name: to_real(value) for name, value in values.items()}
+    fitted = {**test.known, **dict(zip(names, fit.values, strict=True))}
+    errors = np.sqrt(np.diagonal(fit.covariance))
+    reals = {
+        "values": {name: fitted[name] for name in names},
+        "standard_errors": dict(zip(names, errors, strict=True)),
+        "covariance": fit.covariance,
+        "restitution": fitted["restitution"],
+        "rotation": rotation,
+        "residuals": rotation - test.measured,
+        "rotation_noise": test.noise or fit.scatter,
+        "used_until": fit.end,
+        "last_time": test.time[-1],
+    }
+    reals, fitted = jax.tree.map(lambda leaf: np.asarray(leaf, test.dtype), (reals, fitted))
     size = fitted["half_width"], fitted["slenderness"], test.gravity, fitted["inertia_ratio"]
     return DrivenFit(
         parameters=names,
-        values={name: fitted[name] for name in names},
-        standard_errors={name: to_real(e) for name, e in zip(names, errors, strict=True)},
-        covariance=to_real(stage.covariance),
-        restitution=fitted["restitution"],
+        **jax.device_put(reals),
         block=Block(*size),
-        rotation=to_real(rotation),
-        residuals=to_real(np.where(test.counts, rotation - test.measured, np.nan)),
-        rotation_noise=to_real(stage.noise),
-        used_until=to_real(stage.end),
-        last_time=to_real(test.time[-1]),
-        same_order=as_array(not opposite.any()),
-        status=as_array(Status.COMPLETE if stage.converged else Status.NOT_CONVERGED),
+        status=as_array(Status.COMPLETE if fit.converged else Status.NOT_CONVERGED),
     )

@@ -3,23 +3,25 @@
 from typing import Any, ClassVar
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..block import Block
-from ..host import Shown, format_fields
+from ..host import Shown
 from ..validation import Booleans, Integers, Reals
-from .free_rocking_motion import NUMBERS
+from .free_rocking_motion import PARAMETERS
 
-# p-values below which there is a remark.
-_SIGNIFICANT = 0.05
-OTHER_BLOCK = 0.01
+SIGNIFICANT = 3.0  # standard errors from which on there is a remark
 NEGLIGIBLE = 1e-6  # change of C, however significant: exact times make any change so
-_SUMMARY = (
-    *("time_noise", "rotation_noise", "restitution_change", "restitution_change_error"),
-    *("restitution_change_p_value", "frequency_p_value", "degrees_of_freedom"),
-)
+_UNITS = {
+    "restitution": "",
+    "frequency_parameter": "1/s",
+    "critical_angle": "rad",
+    "launch_ratio": "",
+    "first_impact": "s",
+    "time_noise": "s",
+    "rotation_noise": "rad",
+}
 
 
 class FreeRockingFit(Shown, eqx.Module):
@@ -33,7 +35,8 @@ class FreeRockingFit(Shown, eqx.Module):
         Velocity after the first impact over the critical velocity [-], and the time of that
         impact [s].
     standard_errors : dict of Array
-        Standard errors by the names above; 0 for a parameter that was given.
+        Standard errors by the names above; 0 for a parameter that was given, NaN for one that
+        is unknown.
     covariance : Array, shape (5, 5)
         Covariance of the parameters, in the order of `names`.
     time_residuals, rotation_residuals : Array
@@ -42,7 +45,7 @@ class FreeRockingFit(Shown, eqx.Module):
     time_noise, rotation_noise : Array
         Standard deviations of a measured time [s] and peak [rad], given or estimated.
     impact_times : Array, shape (n,)
-        The times as they were given [s]; empty if only peaks were given.
+        The times as they were given [s].
     impact_numbers : Array of int, shape (n,)
         Number of the impact that each time belongs to, from 0 on.
     used : Array of bool, shape (n,)
@@ -51,13 +54,9 @@ class FreeRockingFit(Shown, eqx.Module):
         For each impact except the first and the last: velocity before it over the critical
         velocity, C of this impact alone, and the standard error of this C; NaN next to
         missing impacts.
-    restitution_change, restitution_change_error, restitution_change_p_value : Array
-        C of the largest impact minus C of the smallest one, if C is linear in the velocity;
-        its standard error; and its p-value, the probability of at least this change by chance
-        if C is constant.
-    frequency_p_value : Array
-        p-value of the given p: the probability that by chance another p fits better by at
-        least this much if the given p is right; NaN where p is fitted.
+    restitution_change, restitution_change_error : Array
+        C of the largest impact minus C of the smallest one, if C is linear in the velocity,
+        and its standard error.
     degrees_of_freedom : Array
         Number of measurements minus number of fitted parameters.
     block : Block or None
@@ -90,8 +89,6 @@ class FreeRockingFit(Shown, eqx.Module):
     restitution_errors: Reals
     restitution_change: Reals
     restitution_change_error: Reals
-    restitution_change_p_value: Reals
-    frequency_p_value: Reals
     degrees_of_freedom: Reals
     block: Block | None
     model: str = eqx.field(static=True)
@@ -103,26 +100,25 @@ class FreeRockingFit(Shown, eqx.Module):
     @property
     def names(self) -> tuple[str, ...]:
         """The names of rows and columns of `covariance`."""
-        return NUMBERS
+        return PARAMETERS
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether one constant C explains the data: its change is less than 3 of its errors."""
+        change = abs(float(self.restitution_change))
+        least = max(SIGNIFICANT * float(self.restitution_change_error), NEGLIGIBLE)
+        return not change > least
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks to read before using the results."""
         # What was done to the measurements comes first: all other numbers follow from it.
         sentences = [*self.repairs, *self.notes]
-        change = abs(float(self.restitution_change)) > NEGLIGIBLE
-        if change and float(self.restitution_change_p_value) < _SIGNIFICANT:
+        if not self.is_constant:
             sentences.append(
                 f"one constant C does not explain the data: from the largest to the smallest"
                 f" impact it changes by {-float(self.restitution_change):.3g} +-"
                 f" {float(self.restitution_change_error):.2g}"
-                f" (p-value {float(self.restitution_change_p_value):.2g})"
-            )
-        if float(self.frequency_p_value) < OTHER_BLOCK:
-            sentences.append(
-                f"the durations are not those of this block, or C is not constant: another p"
-                f" explains them better (p-value {float(self.frequency_p_value):.2g});"
-                " frequency_known=False fits it"
             )
         if float(self.standard_errors["frequency_parameter"]) > 0.5 * self.frequency_parameter:
             sentences.append("these measurements do not determine p: give the block")
@@ -157,32 +153,22 @@ class FreeRockingFit(Shown, eqx.Module):
         -------
         dict
         """
-        values = {name: float(getattr(self, name)) for name in self.names}
-        errors = {
-            name: np.nan if np.isnan(value) else float(self.standard_errors[name])
-            for name, value in values.items()
-        }
-        numbers = {name: float(getattr(self, name)) for name in _SUMMARY}
+        names = (*_UNITS, "restitution_change", "restitution_change_error")
+        numbers = {name: float(getattr(self, name)) for name in names}
         counts = {"impacts": self.used.size, "used": int(self.used.sum())}
+        counts["degrees_of_freedom"] = int(self.degrees_of_freedom)
+        errors = {name: float(error) for name, error in self.standard_errors.items()}
         lists = {"standard_errors": errors, "remarks": list(self.remarks)}
-        return {"model": self.model, **counts, **values, **numbers, **lists}
+        return {"model": self.model, **counts, **numbers, **lists}
 
     def __str__(self) -> str:
-        units = dict(zip(NUMBERS, ("s", "", "", "1/s", "rad"), strict=True))
-        if jnp.ndim(self.restitution):
-            return format_fields(self, **units)
-        order = ("restitution", "frequency_parameter", "critical_angle", *NUMBERS[:2])
         lines = []
-        for name in order:
+        for name, unit in _UNITS.items():
             value = float(getattr(self, name))
-            error = float(self.standard_errors[name])
+            error = float(self.standard_errors.get(name, np.nan))
+            # Of the noises no error is known.
+            known = "given" if error == 0 else f"+- {error:.2g}" if error > 0 else ""
             if not np.isnan(value):
-                known = f"+- {error:.2g}" if error else "given"
-                lines.append(
-                    f"{name.replace('_', ' '):20}{value:.6g} {units[name]} {known}".rstrip()
-                )
-        for name, unit in (("time_noise", "s"), ("rotation_noise", "rad")):
-            if np.isfinite(float(getattr(self, name))):
-                lines.append(format_fields(self, **{name: unit}))
-        why = ", the only one without a block" if self.block is None else ""
-        return "\n".join([*lines, f"by the {self.model} model{why}", *self.remarks])
+                line = f"{name.replace('_', ' '):20}{value:.6g} {unit}".rstrip()
+                lines.append(f"{line} {known}".rstrip())
+        return "\n".join([*lines, f"by the {self.model} model", *self.remarks])

@@ -1,43 +1,58 @@
 """Restitution and frequency parameter of a block from a test in which it rocks freely."""
 
-import math
-from typing import NamedTuple
-
 import jax
 import numpy as np
 
 from ..block import Block
-from ..resonance import Linearized, ModelLike, Nonlinear, as_model
-from ..validation import Number, Numbers
-from .free_rocking_answer import NEGLIGIBLE, OTHER_BLOCK, FreeRockingFit
-from .free_rocking_input import check_measurements, choose_noises, gather_known
+from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import (
+    FINITE,
+    POSITIVE,
+    Number,
+    Numbers,
+    as_real,
+    check,
+    check_concrete,
+    check_increasing,
+    check_kind,
+)
+from .free_rocking_answer import NEGLIGIBLE, SIGNIFICANT, FreeRockingFit
 from .free_rocking_motion import (
     ANGLE,
     CHANGE,
     FREQUENCY,
-    NUMBERS,
+    LAUNCH,
+    OUTSIDE,
+    PARAMETERS,
     RESTITUTION,
+    Fitted,
     Known,
-    Measured,
+    Measurements,
     Noises,
-    compute_change_by_model,
+    Values,
+    compute_covariance,
+    compute_half_cycles,
+    compute_log_ratio,
+    compute_residuals,
+    compute_values,
+    fit_parameters,
 )
-from .free_rocking_numbers import apply_numbering, number_impacts
-from .free_rocking_search import Fitted, fit_together, is_minimum
-from .free_rocking_summary import Summary, reestimate, summarize
+from .impact_numbering import number_impacts
 
 _ROUNDS = 6  # in which the noises of times and rotations are found beside each other
+# By which a noise falls at once: an exact fit would make it 0, and the weights infinite.
+_LEAST_FACTOR = 1e-3
+# Of the residuals of one kind. Peaks as few as the parameters that only they know have none:
+# they are fitted exactly, and their noise would be 0 / 0.
+_LEAST_FREEDOM = 0.1
+_NEWTON = 8  # steps to the velocity that a duration or a peak belongs to
 # Noise beside the median half-cycle, from which on there is no free rocking: times without any
 # order are 1 / sqrt(12) = 0.29 of a half-cycle off.
 _ROUGH = 0.25
-_NO_SUCH_MOTION = (
-    "{} must be from free rocking, but no such motion fits them: check that times are in"
-    " seconds and rotations in radians"
-)
 
 
 def fit_free_rocking(
-    impact_times: Numbers | None = None,
+    impact_times: Numbers,
     block: Block | None = None,
     *,
     peak_rotations: Numbers | None = None,
@@ -56,14 +71,14 @@ def fit_free_rocking(
 
     Parameters
     ----------
-    impact_times : array_like, shape (n,), optional
+    impact_times : array_like, shape (n,)
         Times of successive impacts [s], increasing.
     block : Block, optional
         The block, if it is known. Without it, p is fitted too, and alpha_c if there are peaks
         as well as times. For a one-sided block C is a magnitude, and peaks are positive.
     peak_rotations : array_like, shape (n - 1,), optional
         Largest rotation between each impact and the next [rad], to either side; NaN where
-        unknown. Without times, the peaks of successive half-cycles, any number of them.
+        unknown.
     model : Linearized or Nonlinear, or their names, optional
         Equation of motion. By default nonlinear with a block. Without a block it is always
         linearized, since the nonlinear motion depends on the shape.
@@ -91,7 +106,7 @@ def fit_free_rocking(
     Notes
     -----
     Errors of times are assumed independent, with a common standard deviation. Standard errors
-    are those of least squares; p-values account for the degrees of freedom.
+    are those of least squares.
 
     If the two models differ in C by more than its standard error, `remarks` states the
     difference. For 12 impacts with 1 ms of noise, b = 0.3 m and C = 0.85, this occurs up to a
@@ -112,226 +127,282 @@ def fit_free_rocking(
     >>> print(f"{fit.restitution:.5f} +- {fit.standard_errors['restitution']:.5f}")
     0.89998 +- 0.00002
     """
-    one_sided = isinstance(block, Block) and block.one_sided
-    measured, dtype = check_measurements(impact_times, peak_rotations, one_sided)
+    times, peaks = _check_measurements(impact_times, peak_rotations, block)
+    measured = Measurements(times, peaks, np.arange(times.size), np.full(times.size, True))
     if model is None:
         model = Linearized() if block is None else Nonlinear()
-    known = gather_known(block, measured, as_model(model), frequency_known, dtype)
-    noises = choose_noises(measured, time_noise, rotation_noise)
+    known = _gather_known(block, measured, as_model(model), frequency_known)
+    # To begin with 1 % of the mean half-cycle and of the largest peak.
+    noises = Noises(
+        _choose_noise("time_noise", "s", time_noise, np.ptp(times) / times.size),
+        _choose_noise("rotation_noise", "rad", rotation_noise, np.nanmax(peaks, initial=0)),
+        known=(time_noise is not None, rotation_noise is not None),
+    )
     repairs: tuple[str, ...] = ()
-    log_chance_unrepaired = 0.0  # the logarithm of a probability of 1
-    if repair and measured.times.size > 1:
-        numbering, log_chance_unrepaired = number_impacts(measured, known, noises)
-        measured = apply_numbering(measured, numbering)
-        repairs = numbering.repairs
-    # The numbering is settled: from here on peaks count as well as times.
-    result = _search(measured, known, noises)
-    _refuse(result, measured)
-    notes = _list_notes(measured, block, result) + _compare_models(measured, block, result)
-    if math.exp(log_chance_unrepaired) < OTHER_BLOCK:
-        notes += (
-            "before the repairs, another p or a changing C explained the times better (p-value"
-            f" {math.exp(log_chance_unrepaired):.2g}); repair=False shows that fit",
+    if repair:
+        measured, repairs = number_impacts(measured, known, noises)
+    # The numbering is settled: from here on peaks count as well as times. Of one kind of
+    # measurement, the noise only scales the residuals; of both, it is the weight between them.
+    fit = fit_parameters(measured, known, noises)
+    weighted = measured.peaked.any() and not all(noises.known)
+    for _ in range(_ROUNDS if weighted else 0):
+        fit = fit_parameters(measured, known, _reestimate(fit))
+    return _make_free_rocking_fit(fit, block, repairs)
+
+
+def _check_measurements(
+    impact_times: Numbers, peak_rotations: Numbers | None, block: Block | None
+) -> tuple[Values, Values]:
+    """Check the measurements, and the block; return times and sizes of peaks."""
+    if block is not None:
+        check_kind("block", block, Block)
+    times = as_real("impact_times", impact_times, unit="s")
+    unknown = np.full(max(times.size - 1, 0), np.nan)
+    given = unknown if peak_rotations is None else peak_rotations
+    peaks = as_real("peak_rotations", given, unit="rad")
+    check_concrete((times, peaks, block), OUTSIDE)
+    if times.ndim != 1 or peaks.shape != unknown.shape:
+        raise ValueError(
+            "impact_times must be one-dimensional, and peak_rotations have one value less,"
+            f" got shapes {times.shape} and {peaks.shape}"
         )
-    return _make_free_rocking_fit(result, measured, block, repairs, notes)
-
-
-class _SearchResult(NamedTuple):
-    """The outcome of a search: the fit, statistics of it, and the noises it ended with."""
-
-    about: Summary
-    fit: Fitted
-    known: Known
-    noises: Noises
-
-    @property
-    def time_noise(self) -> float:
-        """Given or estimated [s]."""
-        return self.noises.times * self.about.variance**0.5
-
-    @property
-    def rotation_noise(self) -> float:
-        """Given or estimated [rad]."""
-        return self.noises.rotations * self.about.variance**0.5
-
-
-def _search(measured: Measured, known: Known, noises: Noises) -> _SearchResult:
-    """Fit the numbers, and in turn with them the noises that are not given.
-
-    Of one kind of measurement, the noise follows from the residuals once the numbers are
-    found. Of both kinds it is their weight in the fit, so that numbers and noises are found in
-    turn.
-    """
-    timed = measured.times.size > 1
-    peaked = measured.peaks.size > 0
-    both = timed and peaked and not all(noises.known)
-    for _ in range(_ROUNDS if both else 0):
-        (fit,) = fit_together([measured], [known], noises)
-        noises = reestimate(measured, known, fit, noises)
-    # The three fits that are compared differ in one free number, and run side by side.
-    kinds = [known, known.set_free(CHANGE)]
-    if not known.free[FREQUENCY]:
-        kinds.append(known.set_free(FREQUENCY))
-    constant, changing, *tuned_fits = fit_together([measured] * len(kinds), kinds, noises)
-    if not is_minimum(constant, measured, known, noises):
-        raise ValueError(_NO_SUCH_MOTION.format(_name_argument(measured)))
-    tuned = tuned_fits[0] if tuned_fits else None
-    # Of both kinds the rounds have scaled the residuals to a variance of 1.
-    given = noises.known[0 if timed else 1] or (timed and peaked)
-    about = summarize(measured, known, constant, changing, tuned, noises, given)
-    return _SearchResult(about, constant, known, noises)
-
-
-def _list_notes(
-    measured: Measured, block: Block | None, result: _SearchResult
-) -> tuple[str, ...]:
-    """Say in sentences what the measurements leave in doubt."""
-    notes = []
-    if block is not None and measured.peaks.size:
-        angle = float(block.critical_angle)
-        above = int((measured.peaks[measured.peak_counts] >= angle).sum())
-        if above:
-            are = "peak rotation is" if above == 1 else "peak rotations are"
-            notes.append(
-                f"{above} {are} at or above the critical angle of this block, {angle:.4g} rad,"
-                " beyond which the block overturns: check the block, and that rotations are in rad"
-            )
-    freedom = result.about.freedom
-    there = measured.times.size > 1, measured.peaks.size > 0
-    # A noise that is given needs no degree of freedom to be estimated by.
-    known = [k for k, given in zip(result.noises.known, there, strict=True) if given]
-    if freedom in (1, 2) and not all(known):
-        word = "degree" if freedom == 1 else "degrees"
-        notes.append(
-            f"{freedom} {word} of freedom: the noise, and with it every standard error, is a guess"
+    check("impact_times", times, FINITE)
+    check_increasing("impact_times", times)
+    least = 0 if block is not None and block.one_sided else -np.pi / 2
+    angles = np.asarray(peaks)
+    wrong = (angles == 0) | (angles < least) | (angles > np.pi / 2)
+    if wrong.any():
+        raise ValueError(
+            f"peak_rotations must be between {least:.3g} and pi / 2 and not 0, or NaN where"
+            f" unknown, got {angles[wrong][0]:g}"
         )
-    return tuple(notes)
+    # The equation is the same on both sides: only the size of a peak matters.
+    return np.asarray(times), np.abs(angles)
 
 
-def _compare_models(
-    measured: Measured, block: Block | None, result: _SearchResult
-) -> tuple[str, ...]:
-    """Say what C the other model would give, if it differs by more than a standard error.
+def _gather_known(
+    block: Block | None, measured: Measurements, model: RockingModel, frequency_known: bool
+) -> Known:
+    """Gather the parameters that need not be fitted, and tell which ones are free."""
+    if block is None and not isinstance(model, Linearized):
+        raise ValueError("block must be given for the nonlinear model, got None")
+    peaks = int(measured.peaked.sum())
+    # Durations alone know no critical angle.
+    free = np.array([True, True, True, True, block is None and peaks > 0])
+    parameters = np.zeros(5)
+    if block is not None:
+        if np.ndim(block.half_width + block.slenderness):
+            raise ValueError("block must be one block, got several")
+        free[FREQUENCY] = not frequency_known
+        parameters[FREQUENCY] = np.log(float(block.frequency_parameter))
+        parameters[ANGLE] = np.log(float(block.critical_angle))
+    # One measurement more than parameters, or nothing says how large the noise is.
+    unknowns = int(free.sum())
+    if measured.times.size + peaks <= unknowns:
+        raise ValueError(
+            f"impact_times must have at least {unknowns + 1 - peaks} values to fit {unknowns}"
+            f" parameters, got {measured.times.size}"
+        )
+    # The linearized equation has no shape. In the precision of the measurements, and at once
+    # to the device: one program for all tests.
+    shape = Block(0.2, 5.0) if block is None else block
+    dtype = measured.times.dtype
+    shape = jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf, dtype), shape))
+    return Known(model, shape, parameters, free)
 
-    By one Gauss-Newton step from this fit: a search in the other model would take another
-    program, and a difference of many standard errors need not be known to all digits.
+
+def _choose_noise(name: str, unit: str, value: Number | None, guess: float) -> float:
+    """Return the noise that is given, or a guess."""
+    if value is None:
+        return 0.01 * guess if guess > 0 else 1.0
+    array = as_real(name, value, unit=unit)
+    check_concrete(array, OUTSIDE)
+    check(name, array, POSITIVE)
+    if array.ndim:
+        raise ValueError(f"{name} must be one number, got an array of shape {array.shape}")
+    return float(array)
+
+
+def _reestimate(fit: Fitted) -> Noises:
+    """Estimate noises by the residuals of times and rotations.
+
+    Each kind has its part of the degrees of freedom: its number less its leverages.
     """
-    known = result.known
-    if block is None and not measured.peaks.size:
-        return ()  # whether the model matters depends on the shape, which times do not tell
-    other = Nonlinear() if isinstance(known.model, Linearized) else Linearized()
-    shape = known.shape
-    if block is None:
-        p, angle = np.exp(result.fit.numbers[[FREQUENCY, ANGLE]]).astype(known.dtype)
-        shape = jax.tree.map(np.asarray, Block.from_parameters(p, angle))
-    change = compute_change_by_model(
-        result.fit.numbers,
-        measured,
-        known,
-        result.noises,
-        known._replace(model=other, shape=shape),
-    )
-    jacobian = result.fit.jacobian[:, known.free]
-    scale = np.linalg.norm(jacobian, axis=0)
-    step = np.zeros(known.free.size)
-    step[known.free] = -np.linalg.lstsq(jacobian / scale, change)[0] / scale
-    restitution = result.about.values[RESTITUTION]
-    elsewhere = restitution * np.exp(step[RESTITUTION])
-    error = result.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
-    if not abs(elsewhere - restitution) > max(error, NEGLIGIBLE):
-        return ()
-    validity = ", which is valid for any slenderness," if isinstance(other, Nonlinear) else ""
-    return (
-        f"the model matters: the {other.name} one{validity} gives a C of about {elsewhere:.4g},"
-        f" {abs(elsewhere - restitution) / error:.2g} standard errors from this one",
-    )
+    kinds = [fit.measured.used.sum()]
+    leverages = np.sum(np.linalg.qr(fit.free_jacobian)[0] ** 2, axis=1)
+    freedom = np.split(1 - leverages, kinds)
+    squares = np.split(fit.residuals**2, kinds)
+    sizes = [fit.noises.times, fit.noises.rotations]
+    for k in range(2):
+        if not fit.noises.known[k]:
+            mean = np.sum(squares[k]) / max(np.sum(freedom[k]), _LEAST_FREEDOM)
+            sizes[k] *= max(mean**0.5, _LEAST_FACTOR)
+    return Noises(sizes[0], sizes[1], fit.noises.known)
 
 
 def _make_free_rocking_fit(
-    result: _SearchResult,
-    measured: Measured,
-    block: Block | None,
-    repairs: tuple[str, ...],
-    notes: tuple[str, ...],
+    fit: Fitted, block: Block | None, repairs: tuple[str, ...]
 ) -> FreeRockingFit:
     """Make the answer: arrays in the precision of the measurements, NaN where unknown."""
-    about = result.about
-    times = measured.times.size if measured.times.size > 1 else 0
-    peaks = measured.peaks.size
-    late, high = np.split(result.fit.residuals, [measured.times.size])
-    free = dict(zip(NUMBERS, result.known.free, strict=False))
-    values = dict(zip(NUMBERS, about.values, strict=True))
-    p = values["frequency_parameter"]
-    angle = values["critical_angle"]
-    # A block of p and alpha_c is known by them alone, up to its inertia ratio and gravity.
-    if block is None and peaks:
-        block = Block.from_parameters(p, angle)
-    elif block is None:
-        values["critical_angle"] = np.nan
-    elif free["frequency_parameter"]:
-        block = Block.from_parameters(
-            p, angle, block.gravity, block.inertia_ratio, one_sided=block.one_sided
+    measured, known, noises = fit.measured, fit.known, fit.noises
+    count = int(measured.used.sum())
+    peaked = bool(measured.peaked.any())
+    # Of both kinds the rounds have scaled the residuals to a variance of 1.
+    scaled = noises.known[0] or peaked
+    variance = 1.0 if scaled else fit.squares / fit.freedom
+    values, slopes = compute_values(fit.parameters)
+    covariance = np.zeros((5, 5))
+    covariance[np.ix_(known.free, known.free)] = compute_covariance(fit.free_jacobian)
+    covariance *= variance * np.outer(slopes, slopes)
+    errors = dict(zip(PARAMETERS, np.sqrt(np.diagonal(covariance)), strict=True))
+    time_noise = noises.times * variance**0.5
+    restitution = values["restitution"]
+    _refuse(fit, restitution, errors["restitution"], time_noise)
+
+    notes = []
+    if fit.freedom <= 2 and not scaled:
+        notes.append(
+            f"degrees of freedom: only {fit.freedom}; the noise, and with it every standard"
+            " error, is a guess"
         )
-    if not free["first_impact"]:
-        values["first_impact"] = np.nan
-    errors = np.sqrt(np.diagonal(about.covariance))
-    reals: dict[str, object] = {
+    step, error = _estimate_addition(fit, FREQUENCY, scaled)
+    if abs(step) > max(SIGNIFICANT * error, NEGLIGIBLE):
+        notes.append(
+            "the durations are not those of this block, or C is not constant: a p that is"
+            f" {abs(step) / error:.2g} standard errors away explains them better;"
+            " frequency_known=False fits it"
+        )
+    if block is not None or peaked:
+        notes += _compare_models(fit, errors["restitution"])
+    # A block of p and alpha_c is known by them alone, up to its inertia ratio and gravity.
+    size = values["frequency_parameter"], values["critical_angle"]
+    if block is None and peaked:
+        block = Block.from_parameters(*size)
+    elif block is None:
+        values["critical_angle"] = errors["critical_angle"] = np.nan
+    elif known.free[FREQUENCY]:
+        others = block.gravity, block.inertia_ratio
+        block = Block.from_parameters(*size, *others, one_sided=block.one_sided)
+    # Measurements that were left out have none.
+    time_residuals = np.full(measured.times.size, np.nan)
+    time_residuals[measured.used] = fit.residuals[:count] * noises.times
+    peak_residuals = np.full(measured.peaks.size, np.nan)
+    peak_residuals[measured.peaked] = fit.residuals[count:] * noises.rotations
+    ratios, restitutions, ratio_errors = _estimate_by_impact(fit)
+    change, change_error = _estimate_addition(fit, CHANGE, scaled)
+    reals = {
         **values,
-        "standard_errors": dict(zip(NUMBERS, errors, strict=True)),
-        "covariance": about.covariance,
-        "time_residuals": np.where(measured.time_counts, late * result.noises.times, np.nan)[
-            :times
-        ],
-        "rotation_residuals": np.where(
-            measured.peak_counts, high * result.noises.rotations, np.nan
-        ),
-        "time_noise": result.time_noise if times else np.nan,
-        "rotation_noise": result.rotation_noise if peaks else np.nan,
-        "impact_times": measured.times[:times],
-        "velocity_ratios": about.velocity_ratios,
-        "restitutions": about.restitutions,
-        "restitution_errors": about.restitution_errors,
-        "restitution_change": about.restitution_change,
-        "restitution_change_error": about.restitution_change_error,
-        "restitution_change_p_value": about.restitution_change_p_value,
-        "frequency_p_value": about.frequency_p_value,
-        "degrees_of_freedom": about.freedom,
+        "standard_errors": errors,
+        "covariance": covariance,
+        "time_residuals": time_residuals,
+        "rotation_residuals": peak_residuals[: None if peaked else 0],
+        "time_noise": time_noise,
+        "rotation_noise": noises.rotations * variance**0.5 if peaked else np.nan,
+        "impact_times": measured.times,
+        "velocity_ratios": ratios,
+        "restitutions": restitutions,
+        "restitution_errors": ratio_errors * variance**0.5,
+        "restitution_change": change * restitution,
+        "restitution_change_error": change_error * restitution,
+        "degrees_of_freedom": fit.freedom,
     }
-    reals = jax.tree.map(lambda leaf: np.asarray(leaf, result.known.dtype), reals)
-    discrete = {
-        "impact_numbers": measured.impacts,
-        "used": measured.time_counts,
-    }
+    reals = jax.tree.map(lambda leaf: np.asarray(leaf, known.dtype), reals)
+    discrete = {"impact_numbers": measured.impacts, "used": measured.used}
     arrays = jax.device_put({**reals, **discrete})  # at once, which is ten times faster
     return FreeRockingFit(
-        **arrays, block=block, model=result.known.model.name, repairs=repairs, notes=notes
+        **arrays, block=block, model=known.model.name, repairs=repairs, notes=tuple(notes)
     )
 
 
-def _name_argument(measured: Measured) -> str:
-    """Name the argument that the motion was sought for."""
-    return "impact_times" if measured.times.size > 1 else "peak_rotations"
-
-
-def _refuse(result: _SearchResult, measured: Measured) -> None:
+def _refuse(fit: Fitted, restitution: float, error: float, time_noise: float) -> None:
     """Raise `ValueError` if the measurements are of no free rocking."""
-    restitution = result.about.values[RESTITUTION]
-    error = result.about.covariance[RESTITUTION, RESTITUTION] ** 0.5
-    name = _name_argument(measured)
-    if not np.isfinite(restitution + error):
-        raise ValueError(_NO_SUCH_MOTION.format(name))
-    # A nearly elastic block may come out a little above 1, by the noise alone.
-    if restitution - 2 * error > 1:
-        raise ValueError(
-            f"{name} must be from a decaying motion, but each launch velocity is"
-            f" {restitution:.4g} times the previous one"
-        )
+    typical = np.median(np.diff(fit.measured.times[fit.measured.used]))
     # There is a nearest motion to any times: the noise says whether it is near.
-    if measured.times.size > 1:
-        noise = result.time_noise
-        typical = float(np.median(np.diff(measured.times[measured.time_counts])))
-        if noise > _ROUGH * typical:
-            raise ValueError(
-                f"impact_times must be from free rocking, but they differ by {noise:.2g} s"
-                f" from the nearest such motion, whose half-cycles last {typical:.2g} s"
-            )
+    # A nearly elastic block may come out a little above 1, by the noise alone.
+    near = fit.converged and time_noise <= _ROUGH * typical
+    if not (near and restitution - 2 * error <= 1):
+        raise ValueError(
+            "impact_times must be from free rocking, which decays, but the nearest such motion has"
+            f" C = {restitution:.4g} +- {error:.2g}: check that times are in seconds and"
+            " rotations in radians, and give the block if it is known"
+        )
+
+
+def _estimate_addition(fit: Fitted, place: int, scaled: bool) -> tuple[float, float]:
+    """Estimate one more parameter and its error, by a Gauss-Newton step from this fit.
+
+    NaN without a degree of freedom, if the parameter has no effect, or if it is fitted.
+    """
+    jacobian = np.column_stack([fit.free_jacobian, fit.jacobian[:, place]])
+    covariance = compute_covariance(jacobian)
+    if (
+        fit.freedom < 2
+        or fit.known.free[place : place + 1].any()
+        or np.isnan(covariance).any()
+    ):
+        return np.nan, np.nan
+    step = -covariance @ (jacobian.T @ fit.residuals)
+    squares = np.sum((fit.residuals + jacobian @ step) ** 2)
+    variance = 1.0 if scaled else squares / (fit.freedom - 1)
+    return float(step[-1]), float((covariance[-1, -1] * variance) ** 0.5)
+
+
+def _compare_models(fit: Fitted, error: float) -> list[str]:
+    """Say what C the other model would give, if it differs by more than a standard error.
+
+    By one Gauss-Newton step from this fit: a difference of many standard errors need not be
+    known to all digits.
+    """
+    known = fit.known
+    other = Nonlinear() if isinstance(known.model, Linearized) else Linearized()
+    p_and_angle = np.exp(fit.parameters[FREQUENCY:]).astype(known.dtype)
+    shape = jax.tree.map(np.asarray, Block.from_parameters(*p_and_angle))
+    others = known._replace(model=other, shape=shape)
+    residuals, _ = compute_residuals(fit.parameters, fit.measured, others, fit.noises)
+    parameters = fit.parameters.copy()
+    jacobian = fit.free_jacobian
+    parameters[known.free] -= compute_covariance(jacobian) @ (jacobian.T @ residuals)
+    restitution = np.exp(fit.parameters[RESTITUTION])
+    elsewhere = np.exp(parameters[RESTITUTION])
+    difference = abs(elsewhere - restitution)
+    if not difference > max(error, NEGLIGIBLE):
+        return []
+    return [
+        f"the model matters: the {other.name} one gives a C of about {elsewhere:.4g},"
+        f" {difference / error:.2g} standard errors from this one"
+    ]
+
+
+def _estimate_by_impact(fit: Fitted) -> tuple[Values, Values, Values]:
+    """Estimate the velocity before each impact, C of that impact alone, and its error.
+
+    C is the ratio of the launch velocities of the half-cycles after and before an impact.
+    The launch that belongs to a duration is found by Newton's method.
+    """
+    measured = fit.measured
+    exists = measured.successive
+    unit = np.exp(-fit.parameters[FREQUENCY])
+    durations = np.diff(measured.times) / unit
+    log_ratios, _ = compute_log_ratio(fit.parameters[LAUNCH : LAUNCH + 1])
+    log_ratios = log_ratios + measured.impacts[:-1] * fit.parameters[RESTITUTION]
+    launch = np.log(np.arctanh(np.exp(log_ratios)))
+    # Logarithms on both sides, in which durations are nearly linear: few steps from the fitted
+    # motion suffice.
+    for _ in range(_NEWTON):
+        log_ratios, slope = compute_log_ratio(launch)
+        motion = compute_half_cycles(fit.known, log_ratios)
+        computed = motion.durations
+        logarithm = np.log(np.where(exists, durations, computed) / computed)
+        step = computed / (motion.duration_slopes * slope) * logarithm
+        launch = launch + np.clip(step, -1, 1)
+    log_ratios, _ = compute_log_ratio(launch)
+    motion = compute_half_cycles(fit.known, log_ratios)
+    ratios = np.exp(log_ratios)
+    both = exists[1:] & exists[:-1]
+    restitution = np.where(both, ratios[1:] / ratios[:-1], np.nan)
+    # Errors of the logarithms of ratios. Two durations share the time between them, with
+    # opposite signs, and each has another one besides: variances of 2, and a covariance of -1
+    # which the ratio turns to +1.
+    errors = fit.noises.times / unit / motion.duration_slopes
+    square = errors[:-1] ** 2 + errors[1:] ** 2 + errors[:-1] * errors[1:]
+    return np.where(both, ratios[:-1], np.nan), restitution, restitution * np.sqrt(2 * square)

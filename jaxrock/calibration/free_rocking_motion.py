@@ -1,28 +1,33 @@
-"""Free rocking as a function of few numbers, beside measurements of it.
+"""Free rocking as a function of few parameters, fitted to measurements of it.
 
-The numbers, in the order of `NUMBERS`: time of the first impact; launch ratio x, the velocity
-after that impact over the critical one, as log(artanh(x)); logarithms of C, p and alpha_c; and
-C of the largest impact less C of the smallest.
+The parameters, in the order of `PARAMETERS`: time of the first impact [s]; launch ratio x, the
+velocity after that impact over the critical one, as log(artanh(x)); logarithms of C, p and
+alpha_c. The last column of each Jacobian is that of a change of C with the velocity before an
+impact: C of the largest impact less C of the smallest, over C.
 
 Logarithms have no bounds, so that no step of the search leads where there is no motion.
 The linearized half-cycle lasts 2 artanh(x) / p (Housner 1963, 10.1785/BSSA0530020403): its
 logarithm is linear in those of artanh(x) and p, which makes the problem nearly so.
 """
 
-from collections.abc import Callable, Sequence
+import functools
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from typing_extensions import TypeAliasType
 
 from ..block import Block
 from ..resonance import RockingModel
 from ..validation import Reals
-from .least_squares import Places, Values
 
-NUMBERS = (
+Values = TypeAliasType("Values", Float[np.ndarray, "..."])
+
+# Why no argument of a fit may be traced.
+OUTSIDE = "a fit searches on the host"
+PARAMETERS = (
     "first_impact",
     "launch_ratio",
     "restitution",
@@ -30,27 +35,35 @@ NUMBERS = (
     "critical_angle",
 )
 TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
+_ROOM = 128  # half-cycles, so that one program computes any number of them
 _LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
-# Of the velocity that an impact leaves. A C that changes would become negative in some steps
-# of the search, and with it the velocities.
-_LEAST_SHARE = 1e-6
-_TOGETHER = 512  # half-cycles, so that one program computes any number of them
+_LARGEST_CONDITION = (
+    1e8  # of a Jacobian with columns of length 1: of larger ones little is left
+)
+_TOLERANCE = 1e-12  # relative change of parameters and sums of squares at which a search ends
+# Values of p that are tried where it is not known. They are given by half of the longest
+# half-cycle times p, the tanh of which is the launch ratio of linearized rocking: from a
+# launch at 0.02 of the critical velocity to one that all but overturns, in steps of 20 %.
+_HALF_ARCS = np.geomspace(0.02, 6.0, 33)
 
 
-class Measured(NamedTuple):
-    """Measurements, and which of them count."""
+class Measurements(NamedTuple):
+    """Times of impacts, peaks between them, NaN where unknown, and their numbering."""
 
-    times: Float[np.ndarray, " times"]
-    time_counts: Bool[np.ndarray, " times"]
-    impacts: Int[np.ndarray, " times"]  # which one each time belongs to, from 0 on
-    peaks: Float[np.ndarray, " peaks"]
-    peak_counts: Bool[np.ndarray, " peaks"]
-    arcs: Int[np.ndarray, " peaks"]  # the number of the impact before each peak
+    times: Float[np.ndarray, " impacts"]
+    peaks: Float[np.ndarray, " half_cycles"]
+    impacts: Int[np.ndarray, " impacts"]  # the number of each impact, from 0 on
+    used: Bool[np.ndarray, " impacts"]
 
     @property
-    def counted(self) -> int:
-        """The number of those that count."""
-        return int(self.time_counts.sum() + self.peak_counts.sum())
+    def successive(self) -> Bool[np.ndarray, " half_cycles"]:
+        """Which impacts are followed by the next one."""
+        return self.used[1:] & self.used[:-1] & (np.diff(self.impacts) == 1)
+
+    @property
+    def peaked(self) -> Bool[np.ndarray, " half_cycles"]:
+        """Which peaks count: of others nobody knows to which half-cycle they belong."""
+        return self.successive & ~np.isnan(self.peaks)
 
 
 class Noises(NamedTuple):
@@ -62,27 +75,27 @@ class Noises(NamedTuple):
 
 
 class Known(NamedTuple):
-    """All that is given: model, a block of the right shape, numbers, and which are free."""
+    """All that is given: model, a block of the right shape, parameters, and which are free."""
 
     model: RockingModel
     shape: Block  # in the precision in which the motion is computed
-    numbers: Float[np.ndarray, "6"]
-    free: Bool[np.ndarray, "6"]
+    parameters: Float[np.ndarray, "5"]
+    free: Bool[np.ndarray, "5"]
 
     @property
     def dtype(self) -> np.dtype:
-        """The precision."""
+        """The precision in which the motion is computed."""
         return self.shape.half_width.dtype
 
-    def set_free(self, place: int, free: bool = True) -> "Known":
-        """Return a copy with one more number that is fitted, or one less."""
+    def set_free(self, place: int, free: bool) -> "Known":
+        """Return a copy in which one parameter is fitted or held."""
         flags = self.free.copy()
         flags[place] = free
         return self._replace(free=flags)
 
 
 class HalfCycles(NamedTuple):
-    """Durations times p, peak rotations over alpha_c, and their slopes along the ratio."""
+    """Durations times p, peaks over alpha_c, and their derivatives along the log of the ratio."""
 
     durations: Values
     rotations: Values
@@ -90,171 +103,206 @@ class HalfCycles(NamedTuple):
     rotation_slopes: Values
 
 
-# Values only, for the model of a comparison: without derivatives it compiles in a fifth of the
-# time.
 @jax.jit
-def _compute_values(model: RockingModel, shape: Block, ratios: Reals) -> Reals:
-    """Compute durations in units of 1 / p and peak rotations in units of alpha_c, a row each."""
-    velocities = ratios * model.critical_velocity(shape)
-    durations = model.half_cycle_duration(shape, velocities) * shape.frequency_parameter
-    return jnp.stack(
-        [durations, model.peak_rotation(shape, velocities) / shape.critical_angle]
-    )
+def _compute_half_cycles(
+    model: RockingModel, shape: Block, log_ratios: Reals
+) -> tuple[Reals, ...]:
+    def compute(log_ratios: Reals) -> tuple[Reals, Reals]:
+        velocities = jnp.exp(log_ratios) * model.critical_velocity(shape)
+        durations = model.half_cycle_duration(shape, velocities)
+        rotations = model.peak_rotation(shape, velocities)
+        return durations * shape.frequency_parameter, rotations / shape.critical_angle
+
+    # Each quantity depends on its own ratio only: one tangent of ones has all derivatives.
+    values, slopes = jax.jvp(compute, (log_ratios,), (jnp.ones_like(log_ratios),))
+    return *values, *slopes
 
 
-@jax.jit
-def _compute_half_cycles(model: RockingModel, shape: Block, ratios: Reals) -> Reals:
-    """Compute durations, peak rotations and the slopes of both along the ratio, a row each."""
-    # Each quantity depends on its own ratio only: one tangent of ones has all slopes.
-    values, slopes = jax.jvp(
-        lambda ratios: _compute_values(model, shape, ratios),
-        (ratios,),
-        (jnp.ones_like(ratios),),
-    )
-    return jnp.concatenate([values, slopes])
-
-
-def _compute_in_rows(compute: Callable[..., Reals], known: Known, ratios: Values) -> Values:
-    """Compute quantities, shape (quantities, ...), by one program for any number of ratios."""
-    # The last row is filled with copies of the ratios, for which the motion exists.
-    rows = np.resize(ratios.astype(known.dtype), (-(-ratios.size // _TOGETHER), _TOGETHER))
-    parts = [np.asarray(compute(known.model, known.shape, row)) for row in rows]
-    joined = np.concatenate(parts, axis=1)[:, : ratios.size].astype(float)
-    return joined.reshape(-1, *ratios.shape)
-
-
-def compute_half_cycles(known: Known, ratios: Values) -> HalfCycles:
-    """Compute half-cycles after launches at so many times the critical velocity.
+def compute_half_cycles(known: Known, log_ratios: Values) -> HalfCycles:
+    """Compute half-cycles after launches at some velocities over the critical one.
 
     They are in units of the block, and so do not depend on p and alpha_c: a fit of those needs
-    no other program, and the slopes along them are known.
+    no other program.
     """
-    return HalfCycles(*_compute_in_rows(_compute_half_cycles, known, ratios))
+    room = -(-log_ratios.size // _ROOM) * _ROOM
+    # The rest is filled with copies, for which the motion exists.
+    padded = np.resize(log_ratios, room).astype(known.dtype)
+    columns = _compute_half_cycles(known.model, known.shape, padded)
+    return HalfCycles(*(np.asarray(c)[: log_ratios.size].astype(float) for c in columns))
 
 
-class Rows(NamedTuple):
-    """Several numberings of the same measurements, a row each, and which numbers are free."""
-
-    times: Float[np.ndarray, " times"]
-    time_counts: Bool[np.ndarray, "sets times"]
-    impacts: Int[np.ndarray, "sets times"]
-    peaks: Float[np.ndarray, " peaks"]
-    peak_counts: Bool[np.ndarray, "sets peaks"]
-    arcs: Int[np.ndarray, "sets peaks"]
-    free: Bool[np.ndarray, "sets 6"]
-
-    @classmethod
-    def of(cls, tests: Sequence[Measured], kinds: Sequence[Known]) -> "Rows":
-        """Stack numberings of one test, each with its own free numbers."""
-        first = tests[0]
-        columns = (np.stack(column) for column in zip(*tests, strict=True))
-        _, time_counts, impacts, _, peak_counts, arcs = columns
-        free = np.stack([kind.free for kind in kinds])
-        return cls(first.times, time_counts, impacts, first.peaks, peak_counts, arcs, free)
-
-    def at(self, places: Places) -> "Rows":
-        """Return the rows at some places; a place may occur several times."""
-        parts = self.time_counts, self.impacts, self.peak_counts, self.arcs, self.free
-        time_counts, impacts, peak_counts, arcs, free = (part[places] for part in parts)
-        return Rows(self.times, time_counts, impacts, self.peaks, peak_counts, arcs, free)
-
-    @property
-    def room(self) -> int:
-        """The number of impacts, up to the one that ends the last peak."""
-        return 1 + int(max(self.impacts.max(initial=0), self.arcs.max(initial=0) + 1))
+def compute_log_ratio(launch: Values) -> tuple[Values, Values]:
+    """Compute log(x) of log(artanh(x)), and its derivative."""
+    growth = np.exp(launch)
+    ratio = np.minimum(np.tanh(growth), _LARGEST)
+    return np.log(ratio), growth * (1 - ratio**2) / ratio
 
 
-def compute_velocity_ratios(numbers: Values, amplitudes: Values) -> tuple[Values, Values]:
-    """Compute launch velocities over the critical one, after each impact, and the shares left.
-
-    `amplitudes` are those in which C is linear; see `Fitted`.
-    """
-    changing = np.exp(numbers[..., RESTITUTION, None])
-    changing = changing + numbers[..., CHANGE, None] * amplitudes[..., 1:]
-    shares = np.maximum(changing, _LEAST_SHARE)
-    launch = np.tanh(np.exp(numbers[..., LAUNCH, None]))
-    ratios = np.concatenate([launch, launch * np.cumprod(shares, axis=-1)], axis=-1)
-    return np.minimum(ratios, _LARGEST), shares
-
-
-def _sum_before(steps: Values) -> Values:
-    """Sum all steps before each: an impact comes after the half-cycles before it."""
-    return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
+def compute_values(parameters: Float[np.ndarray, "5"]) -> tuple[dict[str, float], Values]:
+    """Compute the parameters themselves by their names, and derivatives of them."""
+    growth = np.exp(parameters[LAUNCH])
+    exponentials = np.exp(parameters[RESTITUTION:])
+    values = [parameters[TIME], np.tanh(growth), *exponentials]
+    slopes = np.array([1.0, growth * (1 - values[LAUNCH] ** 2), *exponentials])
+    return dict(zip(PARAMETERS, values, strict=True)), slopes
 
 
 def compute_residuals(
-    numbers: Values,
-    amplitudes: Values,
-    rows: Rows,
-    known: Known,
-    noises: Noises,
-    with_jacobian: bool = True,
-) -> tuple[Values, Values]:
-    """Compute residuals over the noise: computed less measured, of times, then of peaks.
+    parameters: Float[np.ndarray, "5"], measured: Measurements, known: Known, noises: Noises
+) -> tuple[Float[np.ndarray, " measurements"], Float[np.ndarray, "measurements 6"]]:
+    """Compute residuals over the noise, of times, then of peaks, and their Jacobian.
 
-    Also compute their Jacobian, which is left at 0 if it is not asked for.
+    Residuals are computed minus measured.
     """
-    take = np.take_along_axis
-    ratios, shares = compute_velocity_ratios(numbers, amplitudes)
-    motion = compute_half_cycles(known, ratios)
-    unit = np.exp(-numbers[:, FREQUENCY, None])
-    angle = np.exp(numbers[:, ANGLE, None])
-    durations = take(_sum_before(motion.durations * unit), rows.impacts, 1)
-    rotations = take(motion.rotations, rows.arcs, 1) * angle
-    # What does not count has a weight of 0: it stays in the arrays, whose shape is then the
-    # same for all numberings.
-    late = numbers[:, TIME, None] + durations - rows.times
-    weights = [rows.time_counts / noises.times, rows.peak_counts / noises.rotations]
-    weights = np.concatenate(weights, axis=1)
-    residuals = np.concatenate([late, rotations - rows.peaks], axis=1) * weights
-    jacobian = np.zeros((*residuals.shape, 6))
-    if not with_jacobian:
-        return residuals, jacobian
-    # Views: to write to them is to write to the Jacobian.
-    of_times, of_peaks = np.split(jacobian, [rows.times.size], axis=1)
-    of_times[..., TIME] = 1
-    of_times[..., FREQUENCY] = -durations
-    of_peaks[..., ANGLE] = rotations
-    # Slopes of the logarithm of each ratio. Along the launch number, with x = tanh(u) and
-    # u = exp(number), it is u / (sinh u cosh u) = u (1 - x^2) / x, for all ratios alike; along
-    # C each impact adds the slope of the logarithm of its share.
-    growth = np.exp(numbers[:, LAUNCH, None])
-    launch = np.tanh(growth)
-    of_launch = np.broadcast_to(growth * (1 - launch**2) / launch, ratios.shape)
-    constant = np.exp(numbers[:, RESTITUTION, None])
-    # Where a bound holds the motion, it does not follow the numbers.
-    moves = shares > _LEAST_SHARE
-    of_restitution = _sum_before(np.where(moves, constant / shares, 0))
-    of_change = _sum_before(np.where(moves, amplitudes[:, 1:] / shares, 0))
-    free_ratios = np.where(ratios < _LARGEST, ratios, 0)
-    # By the chain rule from the logarithm to the ratio, and from that to the half-cycle.
-    slopes = {LAUNCH: of_launch, RESTITUTION: of_restitution, CHANGE: of_change}
-    for place, slope in slopes.items():
-        change = slope * free_ratios
-        of_times[..., place] = take(
-            _sum_before(motion.duration_slopes * change * unit), rows.impacts, 1
+    number = np.arange(measured.impacts[-1])
+    launch, slope = compute_log_ratio(parameters[LAUNCH : LAUNCH + 1])
+    log_ratios = launch + number * parameters[RESTITUTION]
+    # Derivatives of the logarithms of all ratios. Where C changes, it is linear in the
+    # velocity before an impact, less the mean and over the range of all of them, so that the
+    # change is nearly independent of C itself.
+    along = np.zeros((number.size, 6))
+    along[:, LAUNCH] = slope
+    along[:, RESTITUTION] = number
+    before = np.exp(log_ratios[:-1])
+    extent = np.ptp(before) if before.size > 1 else 0.0
+    if extent > 0:
+        along[1:, CHANGE] = np.cumsum((before - before.mean()) / extent)
+    motion = compute_half_cycles(known, log_ratios)
+    unit = np.exp(-parameters[FREQUENCY])
+    angle = np.exp(parameters[ANGLE])
+    # An impact comes after the half-cycles before it.
+    times = np.append(0, np.cumsum(motion.durations)) * unit
+    time_slopes = np.cumsum(motion.duration_slopes[:, None] * along * unit, axis=0)
+    time_slopes = np.concatenate([np.zeros((1, 6)), time_slopes])
+    time_slopes[:, TIME] = 1
+    time_slopes[:, FREQUENCY] = -times
+    peak_slopes = motion.rotation_slopes[:, None] * along * angle
+    peak_slopes[:, ANGLE] = motion.rotations * angle
+    used = measured.used
+    peaked = measured.peaked
+    impacts = measured.impacts[used]
+    arcs = measured.impacts[:-1][peaked]
+    late = parameters[TIME] + times[impacts] - measured.times[used]
+    high = motion.rotations[arcs] * angle - measured.peaks[peaked]
+    residuals = [late / noises.times, high / noises.rotations]
+    jacobian = [time_slopes[impacts] / noises.times, peak_slopes[arcs] / noises.rotations]
+    return np.concatenate(residuals), np.concatenate(jacobian)
+
+
+class Fitted(NamedTuple):
+    """The best parameters, and there the residuals over their noises and their Jacobian."""
+
+    measured: Measurements
+    known: Known
+    noises: Noises
+    parameters: Float[np.ndarray, "5"]
+    residuals: Float[np.ndarray, " measurements"]
+    jacobian: Float[np.ndarray, "measurements 6"]
+    converged: bool
+
+    @property
+    def squares(self) -> float:
+        """The sum of the squares of the residuals."""
+        return float(np.sum(self.residuals**2))
+
+    @property
+    def free_jacobian(self) -> Float[np.ndarray, "measurements free"]:
+        """The columns of the parameters that are fitted."""
+        return self.jacobian[:, np.flatnonzero(self.known.free)]
+
+    @property
+    def freedom(self) -> int:
+        """The number of measurements less that of the parameters that are fitted."""
+        return self.residuals.size - int(self.known.free.sum())
+
+
+def fit_parameters(measured: Measurements, known: Known, noises: Noises) -> Fitted:
+    """Fit the free parameters by least squares, after Levenberg and Marquardt."""
+    from scipy.optimize import least_squares  # which loads slowly
+
+    def set_parameters(values: Values) -> Values:
+        parameters = known.parameters.copy()
+        parameters[known.free] = values
+        return parameters
+
+    @functools.lru_cache(maxsize=1)  # SciPy asks for the Jacobian after the residuals
+    def evaluate(*values: float) -> tuple[Values, Values]:
+        return compute_residuals(set_parameters(np.array(values)), measured, known, noises)
+
+    # Trial steps may lead where a block overturns: such residuals are not finite.
+    with np.errstate(all="ignore"):
+        result = least_squares(
+            lambda values: evaluate(*values)[0],
+            _choose_start(measured, known)[known.free],
+            jac=lambda values: evaluate(*values)[1][:, :5][:, known.free],  # pyright: ignore[reportArgumentType]
+            method="lm",
+            x_scale="jac",
+            ftol=_TOLERANCE,
+            xtol=_TOLERANCE,
+            gtol=_TOLERANCE,
         )
-        of_peaks[..., place] = take(motion.rotation_slopes * change * angle, rows.arcs, 1)
-    return residuals, np.where(rows.free[:, None], jacobian * weights[..., None], 0)
+    parameters = set_parameters(result.x)
+    residuals, jacobian = compute_residuals(parameters, measured, known, noises)
+    converged = result.success and bool(np.isfinite(jacobian).all())
+    return Fitted(measured, known, noises, parameters, residuals, jacobian, converged)
 
 
-def compute_change_by_model(
-    numbers: Float[np.ndarray, "6"],
-    measured: Measured,
-    known: Known,
-    noises: Noises,
-    other: Known,
-) -> Float[np.ndarray, " measurements"]:
-    """Compute by how much another model changes the residuals, with the same numbers."""
-    room = 1 + int(max(measured.impacts.max(), measured.arcs.max(initial=-1) + 1))
-    ratios, _ = compute_velocity_ratios(numbers, np.zeros(room))
-    change = _compute_in_rows(_compute_values, other, ratios)
-    change = change - _compute_in_rows(_compute_half_cycles, known, ratios)[:2]
-    durations = _sum_before(change[:1] * np.exp(-numbers[FREQUENCY]))[0]
-    rotations = change[1] * np.exp(numbers[ANGLE])
-    return np.concatenate(
-        [
-            durations[measured.impacts] * measured.time_counts / noises.times,
-            rotations[measured.arcs] * measured.peak_counts / noises.rotations,
-        ]
-    )
+def _choose_start(measured: Measurements, known: Known) -> Float[np.ndarray, "5"]:
+    """Choose parameters to begin with: a line through log(x) of all half-cycles, linearized.
+
+    There tanh(p duration / 2) = x, and the line falls by log(C) from each half-cycle to the
+    next. Weights are reciprocals of the variances of log(x), by the delta method from equal
+    variances of all durations.
+    Durations show p by their curvature only: each p that is tried has a line of its own.
+    """
+    parameters = known.parameters.copy()
+    whole = measured.successive
+    number = measured.impacts[:-1][whole]
+    durations = np.diff(measured.times)[whole]
+    frequencies = np.exp(parameters[FREQUENCY : FREQUENCY + 1])
+    if known.free[FREQUENCY]:
+        frequencies = 2 * _HALF_ARCS / durations.max(initial=1e-9)
+    arcs = np.minimum(frequencies[:, None] * durations, 2 * _HALF_ARCS[-1])
+    log_x = np.log(np.tanh(arcs / 2))
+    # The derivative of log(tanh(arc / 2)) is 1 / sinh(arc). Beyond 3 the weight grows no more:
+    # a half-cycle near overturning would decide alone.
+    weights = (np.sinh(np.minimum(arcs, 3.0)) / frequencies[:, None]) ** 2
+    total = np.maximum(np.sum(weights, axis=1, keepdims=True), np.finfo(float).tiny)
+    middle = np.sum(weights * number, axis=1, keepdims=True) / total
+    height = np.sum(weights * log_x, axis=1, keepdims=True) / total
+    spread = np.sum(weights * (number - middle) ** 2, axis=1, keepdims=True)
+    slope = np.sum(weights * (number - middle) * (log_x - height), axis=1, keepdims=True)
+    # One half-cycle has no slope: C is about 0.9 then. It is held between 0.05 and 0.999, and
+    # x below 1, so that there is a motion to begin with.
+    slope = np.clip(np.where(spread > 0, slope / spread, -0.1), -3.0, -1e-3)
+    misfit = np.sum(weights * (log_x - height - slope * (number - middle)) ** 2, axis=1)
+    best = np.argmin(misfit)
+    x = np.exp(np.clip(height - slope * middle, -12.0, -1e-4))[best, 0]
+    parameters[TIME] = measured.times[measured.used][0]
+    parameters[LAUNCH] = np.log(np.arctanh(x))
+    parameters[RESTITUTION] = slope[best, 0]
+    parameters[FREQUENCY] = np.log(frequencies[best])
+    if known.free[ANGLE]:
+        # Peaks are proportional to the critical angle: linear least squares, by the linearized
+        # rotation 1 - sqrt(1 - x^2), since without a block no other model is allowed.
+        peaked = measured.peaked
+        ratios = x * np.exp(measured.impacts[:-1][peaked] * slope[best, 0])
+        rotations = 1 - np.sqrt((1 - ratios) * (1 + ratios))
+        scale = np.sum(rotations * measured.peaks[peaked]) / np.sum(rotations**2)
+        parameters[ANGLE] = np.log(scale)
+    return parameters
+
+
+def compute_covariance(jacobian: Float[np.ndarray, "measurements free"]) -> Values:
+    """Compute the covariance of parameters fitted to residuals of standard deviation 1.
+
+    It is NaN if the residuals do not determine all of them.
+    """
+    # By columns of length 1, and by the Jacobian itself: the normal matrix would square its
+    # condition, and with it lose the errors of a p that hardly shows.
+    scale = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian / np.maximum(scale, np.finfo(float).tiny)
+    if not (np.isfinite(jacobian).all() and np.linalg.cond(scaled) < _LARGEST_CONDITION):
+        return np.full((scale.size, scale.size), np.nan)
+    inverse = np.linalg.pinv(scaled) / scale[:, None]
+    return inverse @ inverse.T

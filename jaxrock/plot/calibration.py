@@ -10,8 +10,6 @@ from ..calibration import FreeRockingFit
 from ..tables import write_label
 from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, QUANTILE, check_result, label_axes
 
-_SIGNIFICANT = 0.05  # p-value below which C is drawn as changing
-
 
 def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> Figure:
     """Draw measured and fitted half-cycle durations, and C of each impact over its velocity.
@@ -98,10 +96,9 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     name = "95 % of the impacts, if $C$\nis constant (noise alone)"
     band = {"color": NEUTRAL, "alpha": 0.3, "linewidth": 0, "zorder": 0, "label": name}
     ax.fill_between(velocities, constant - reach, constant + reach, **band)
-    chance = float(fit.restitution_change_p_value)
-    if chance < _SIGNIFICANT and known.size > 1:
+    if not fit.is_constant and known.size > 1:
         slope, start = np.polyfit(velocities, restitutions, 1, w=1 / errors)
-        name = f"weighted line; p-value of\na constant {chance:.2g}"
+        name = "weighted line"
         line = start + slope * velocities
         ax.plot(velocities, line, color=LINE, linestyle="--", label=name)
     # Values of C lie close together: matplotlib would print differences to one of them.

@@ -23,7 +23,7 @@ from ...validation import (
     check_kind,
     describe,
 )
-from ..least_squares import OUTSIDE
+from ..free_rocking_motion import OUTSIDE
 from .likelihood import TestData
 from .posterior import Posterior, sample_posterior
 from .prior import Prior, PriorLike, make_prior
