@@ -71,7 +71,7 @@ CODE_LINES = {
     "overturning": 670,
     "sensitivity": 1752,
     "calibration": 1654,
-    "calibration/outcomes": 1655,
+    "calibration/outcomes": 950,
     "accuracy": 644,
     "grids": 754,
     "spectra": 842,
