@@ -120,5 +120,5 @@ def _list_known(prior: PriorLike | None) -> dict[str, tuple[float, float]]:
             )
         check(f"median of {name} in prior", values[0], _DOMAINS[name])
         check(f"coefficient of variation of {name} in prior", values[1], NON_NEGATIVE)
-        known[name] = values.tolist()
+        known[name] = float(values[0]), float(values[1])
     return known
