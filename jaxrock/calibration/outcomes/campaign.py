@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
 from ...block import RECTANGLE_INERTIA_RATIO
@@ -95,10 +94,10 @@ class Campaign(NamedTuple):
         sample = draw_sample(self.simulator, self.suite, components, self.seed)
         coordinates, log_density, outcomes = sample
         nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES if self.grouped else 1)
-        points = Points(coordinates, log_density, nodes, weights / weights.sum())
+        blocks = (coordinates, log_density, nodes, weights / weights.sum())
         tests = (outcomes.astype(float), self.overturned.astype(float), self.group)
-        data = TestData(*map(self.pad, tests))
-        return Evidence(self.prior, *jax.tree.map(as_array, (points, data)))
+        data = TestData(*(as_array(self.pad(values)) for values in tests))
+        return Evidence(self.prior, Points(*map(as_array, blocks)), data)
 
 
 def check_campaign(  # noqa: PLR0913
@@ -197,7 +196,7 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
         np.array([float(getattr(population, name)) for name in NAMES])
         for population in campaign.prior
     )
-    widest = NormalComponent(mean, np.diag(width**2), campaign.samples // _OF_PRIOR)
+    widest = NormalComponent(mean, np.diag(width), campaign.samples // _OF_PRIOR)
     evidence = campaign.draw_evidence([widest])
     mode = search_mode(evidence, counts[0], np.zeros(len(vars(campaign.prior.mean))))
     covariance = compute_covariance(mode, evidence, counts[0])

@@ -46,7 +46,7 @@ class Evidence(NamedTuple):
 
 
 class Mode(NamedTuple):
-    """Where the posterior is greatest, in standard deviations of the prior, shape (12,)."""
+    """Where the posterior is greatest, in standard deviations of the prior, shape (11,)."""
 
     standard: np.ndarray
     status: Status
@@ -57,7 +57,7 @@ class Posterior(NamedTuple):
 
     Attributes
     ----------
-    standard : ndarray, shape (draws, 12)
+    standard : ndarray, shape (draws, 11)
         Unbounded parameters, in standard deviations of the prior from its mean.
     weights : ndarray, shape (draws,)
         With a sum of 1.
@@ -68,7 +68,7 @@ class Posterior(NamedTuple):
 
     @property
     def variances(self) -> np.ndarray:
-        """Variances of the unbounded parameters, over those of the prior, shape (12,)."""
+        """Variances of the unbounded parameters, over those of the prior, shape (11,)."""
         centred = self.standard - self.weights @ self.standard
         return self.weights @ centred**2
 
@@ -121,7 +121,7 @@ def search_mode(evidence: Evidence, counts: np.ndarray, start: np.ndarray) -> Mo
 
 
 def compute_covariance(mode: Mode, evidence: Evidence, counts: np.ndarray) -> np.ndarray:
-    """Compute the covariance by the curvature at the mode, shape (12, 12)."""
+    """Compute the covariance by the curvature at the mode, shape (11, 11)."""
 
     def compute_gradient(step: np.ndarray) -> np.ndarray:
         return differentiate(mode.standard + step, evidence, counts)[1]
@@ -142,21 +142,22 @@ def propose_blocks(
     Parameters
     ----------
     mode : Mode
-    covariance : ndarray, shape (12, 12)
+    covariance : ndarray, shape (11, 11)
         Of the posterior, in standard deviations of the prior.
     prior : Prior
 
     Returns
     -------
-    mean, covariance : ndarray, shape (3,), (3, 3)
-        Of ln(alpha_c), ln(p) and logit(C).
+    mean, factor : ndarray, shape (3,), (3, 3)
+        Of ln(alpha_c), ln(p) and logit(C): mean, and Cholesky factor of the covariance.
     """
     mean, within = _compute_moments(as_array(mode.standard), prior)
     fields = list(vars(prior.width))
     medians = [fields.index(name) for name in NAMES]
     width = np.array([float(getattr(prior.width, name)) for name in NAMES])
     of_medians = covariance[np.ix_(medians, medians)] * width * width[:, None]
-    return np.asarray(mean, float), _WIDER_BLOCKS**2 * (np.asarray(within, float) + of_medians)
+    factor = np.linalg.cholesky(np.asarray(within, float) + of_medians)
+    return np.asarray(mean, float), _WIDER_BLOCKS * factor
 
 
 @jax.jit

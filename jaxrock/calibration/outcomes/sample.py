@@ -26,14 +26,16 @@ class NormalComponent(NamedTuple):
 
     Attributes
     ----------
-    mean, covariance : ndarray, shape (3,), (3, 3)
+    mean : ndarray, shape (3,)
         Of ln(alpha_c), ln(p) and logit(C).
+    factor : ndarray, shape (3, 3)
+        Lower Cholesky factor of their covariance.
     number : int
         A power of 2.
     """
 
     mean: np.ndarray
-    covariance: np.ndarray
+    factor: np.ndarray
     number: int
 
 
@@ -96,17 +98,16 @@ def draw_sample(
     overturned : ndarray of bool, shape (tests, blocks)
         Which blocks overturn.
     """
-    from scipy.stats import multivariate_normal  # which loads slowly
-
     drawn = [
-        mean + draw_normal_numbers(3, number, seed + k) @ np.linalg.cholesky(covariance).T
-        for k, (mean, covariance, number) in enumerate(components)
+        mean + draw_normal_numbers(3, number, seed + k) @ factor.T
+        for k, (mean, factor, number) in enumerate(components)
     ]
     coordinates = np.concatenate(drawn)
-    densities = [
-        np.log(number) + multivariate_normal.logpdf(coordinates, mean, covariance)
-        for mean, covariance, number in components
-    ]
-    log_density = logsumexp(densities, axis=0)
+    densities = []
+    for mean, factor, number in components:
+        standard = np.linalg.solve(factor, (coordinates - mean).T)
+        log_volume = np.log(np.diagonal(factor)).sum()
+        densities.append(np.log(number) - log_volume - 0.5 * np.sum(standard**2, axis=0))
+    log_density = np.asarray(logsumexp(densities, axis=0))
     log_density[coordinates[:, 0] > np.log(_LARGEST_ANGLE)] = np.inf
     return coordinates, log_density, simulator.simulate(coordinates, suite)
