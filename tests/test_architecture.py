@@ -70,7 +70,7 @@ CODE_LINES = {
     "steady": 1001,
     "overturning": 670,
     "sensitivity": 1752,
-    "calibration": 1654,
+    "calibration": 1653,
     "calibration/outcomes": 950,
     "accuracy": 644,
     "grids": 754,
