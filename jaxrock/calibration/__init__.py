@@ -4,7 +4,6 @@ from .driven_fit import DrivenFit, fit_driven_rocking
 from .free_rocking_answer import FreeRockingFit
 from .free_rocking_fit import fit_free_rocking
 from .measurement_files import read_impact_times
-from .outcomes import PEAK_SCORES as PEAK_SCORES
 from .outcomes import (
     OutcomeFit,
     Outcomes,

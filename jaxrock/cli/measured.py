@@ -2,8 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from .. import calibration
 from .answers import Answer, list_rows
 from .motion_options import FloorOptions
@@ -72,7 +70,7 @@ def validate(
 
     The file has a line with the names of its columns, and below it a line for each test.
     Columns are file (the motion), overturned (yes or no), and optionally unit, time step [s],
-    column, scale, group, peak rotation [rad] and name. A group, such as an earthquake, is
+    column, scale, group and name. A group, such as an earthquake, is
     fitted as a whole or not at all. In each split, blocks are fitted to half of the groups
     and predict the other half; for comparison the same is done with a rule in PGV, a rule in
     PGA, and the base rate, which is the frequency of overturning.
@@ -99,14 +97,17 @@ def validate(
     """
     refuse("where it is fitted", restitution=block_options.restitution)
     tests = calibration.read_tests(file)
-    measured = ("overturned", "groups", "peak_rotations")
-    body = ("gravity", "inertia_ratio", "one_sided")
     campaign = calibration.check_campaign(
-        suite=floor_options.put_on_floor(tests.suite),
-        **{name: getattr(tests, name) for name in measured},
-        **{name: getattr(block_options, name) for name in body},
-        **{"samples": samples, "seed": seed, "model": model},
+        floor_options.put_on_floor(tests.suite),
+        tests.overturned,
+        tests.groups,
         prior=block_options.block_if_given,
+        samples=samples,
+        seed=seed,
+        model=model,
+        gravity=block_options.gravity,
+        inertia_ratio=block_options.inertia_ratio,
+        one_sided=block_options.one_sided,
     )
     names = ("validation.nc", "tests.csv", "scores.csv", "population.csv")
     pictures = ("reliability.png", "outcomes.png")
@@ -121,10 +122,8 @@ def validate(
         files.write_csv("population.csv", fitted.table())
         files.save_picture("reliability.png", plot_reliability(scores))
         files.save_picture("outcomes.png", plot_outcomes(scores))
-    peaks = {n: float(scores[n].mean()) for n in calibration.PEAK_SCORES if n in scores}
-    numbers = {"tests": fitted.tests, "overturned": int(np.sum(tests.overturned))}
-    numbers |= {"groups": fitted.groups, "blocks": scores.attrs["blocks"]}
+    numbers = {name: getattr(fitted, name) for name in ("tests", "overturned", "groups")}
     rows = {"scores": list_rows(summary), "population": list_rows(fitted.table())}
-    data = {**numbers, **rows, **peaks, "remarks": fitted.remarks}
+    data = {**numbers, "blocks": scores.attrs["blocks"], **rows, "remarks": fitted.remarks}
     text = f"{tests.suite}\n{calibration.describe_scores(scores)}\n{fitted}"
     return Answer(text, data, output, files.paths)

@@ -96,19 +96,7 @@ def main() -> None:
         f" {overturned.sum()} overturned"
     )
     began = time.perf_counter()
-    campaign = check_campaign(
-        suite,
-        overturned,
-        groups,
-        None,
-        None,
-        None,
-        options.seed,
-        jr.Nonlinear(),
-        GRAVITY,
-        4 / 3,
-        False,
-    )
+    campaign = check_campaign(suite, overturned, groups, seed=options.seed)
     fit, scores = fit_and_score(campaign, options.splits)
     elapsed = time.perf_counter() - began
     for predictor in scores.predictor.values:

@@ -64,18 +64,15 @@ def test_a_table_of_tests_is_read(folder, write):
     np.testing.assert_allclose(steps, [0.01, 0.01, 0.01, 0.02, 0.01], rtol=1e-12)
     assert tests.overturned.tolist() == [False, True, False, True, False]
     assert tests.groups == ("Kobe",) * 3 + ("Izmit",) * 2
-    # A block that overturned has no peak, whatever was measured.
-    peaks = np.deg2rad([9, np.nan, np.nan, np.nan, 4.5])
-    np.testing.assert_allclose(tests.peak_rotations, peaks, rtol=1e-14)
     assert str(tests).startswith("5 tests in 2 groups: 2 overturned, 3 stood\n")
     few = read_tests(
         str(write(f"overturned,remark,file\n1,x,a.csv\n0,,{folder}/a.csv\n", "t.csv"))
     )
     assert few.suite.names == ("a", "a 2")
-    assert few.groups is few.peak_rotations is None
+    assert few.groups is None
 
 
-HEAD = "file,unit,time step [s],scale,overturned,group,peak rotation [deg],name\n"
+HEAD = "file,unit,time step [s],scale,overturned,group,remark,name\n"
 # What is read, and what the error must contain. How all tables are read is tested elsewhere.
 REFUSED = [
     (read_impact_times, "0.5\n0.9\n", ("line 1", "time [s]", "'0.5'")),
@@ -84,19 +81,13 @@ REFUSED = [
     (read_impact_times, "time [s]\n0\n1\n1\n", ("line 4", "times must increase")),
     (read_tests, f"{HEAD}a.csv,,0,,1,,,", ("line 2", "greater than 0", "'0'")),
     (read_tests, f"{HEAD}a.csv,,,0,1,,,", ("line 2", "not 0", "'0'")),
-    (
-        read_tests,
-        f"{HEAD}a.csv,,,,no,,95,\na.csv,,,,no,,-1,",
-        ("line 2", "line 3", "peak rot"),
-    ),
     (read_tests, f"{HEAD}a.csv,,,,yes,,,x\na.csv,,,,no,,,x", ("names must differ", "'x'")),
     (
         read_tests,
         f"{HEAD}a.csv,,,,yes,A,,\na.csv,,,,no,,,",
         ("line 3", "a group was expected"),
     ),
-    # Motions: of all rows at once, each where it occurs first.
-    (read_tests, HEAD + 2 * "d.csv,,,,1,,,\n" + "b.csv,,,,1,,,", ("line 2: '", "line 4: '")),
+    (read_tests, HEAD + "a.csv,,,,1,,,\nd.csv,,,,1,,,", ("line 3: '",)),
 ]
 
 

@@ -162,8 +162,6 @@ def compare_tests(tests, text):
         yield record.scale * record.acceleration, scale * samples
     yield [record.time_step for record in tests.suite], table.numbers("time step", 0.01)
     yield tests.overturned, overturned
-    peaks = np.where(overturned, np.nan, table.numbers("peak rotation"))
-    yield np.nan if tests.peak_rotations is None else tests.peak_rotations, peaks
 
 
 def compare_times(found, text):

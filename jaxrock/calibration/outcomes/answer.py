@@ -1,30 +1,26 @@
-"""The answer of a fit to outcomes: a population, and how much the tests say of it."""
+"""Blocks from tests that overturned or stood: a population and its posterior uncertainty."""
 
-import functools
+import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.special import expit, logit
 
-from ...block import Block
+from ...block import RECTANGLE_INERTIA_RATIO, Block
 from ...ground_motion import Record, Suite
 from ...host import Printed, describe_status, format_table
-from ...sensitivity import Uncertain, find_coefficients
-from ...validation import (
-    Integers,
-    Reals,
-    check_kind,
-    is_traced,
-)
-from .likelihood import (
-    Points,
-    TestData,
-    compute_log_likelihood,
-    compute_probability,
-)
-from .population import FREE_NAMES, NAMES, PAIRS, Population
+from ...resonance import ModelLike, Nonlinear
+from ...sensitivity import Uncertain
+from ...validation import Flags, Integers, Number, Reals, as_array, check_kind, is_traced
+from .campaign import Campaign, CampaignFit, check_campaign, fit_parts
+from .likelihood import Points, compute_probability, weigh_blocks
+from .population import NAMES, UNITS, Population
+from .posterior import scale_to_prior
+from .prior import PriorLike
 from .sample import Simulator
 
 # Fraction of the prior variance of a median: more left says that the tests do not decide it.
@@ -34,7 +30,7 @@ _HIGH_LAPSE = 0.05
 _FEW_TESTS = 10
 _FEW_BLOCKS = 50
 _SAMPLES_OF_UNCERTAIN = 256
-_UNITS = {"critical_angle": "rad", "frequency_parameter": "1/s"}
+_TAIL = 0.05  # at either end of an interval
 
 
 class OutcomeFit(Printed, eqx.Module):
@@ -44,55 +40,51 @@ class OutcomeFit(Printed, eqx.Module):
     ----------
     population : Population
         The mode of the posterior: medians, deviations, correlations and lapse.
-    block, restitution : Block, Array
-        Block and coefficient of restitution at the medians.
-    free, covariance : Array, shape (12,), (12, 12)
-        Parameters of the population, transformed to unbounded ones (by logarithms, logits and
-        the like), and their posterior covariance.
-    draws, draw_weights : Array, shape (draws, 12), (draws,)
-        Transformed parameters drawn from the posterior, and their weights, which add up to 1.
-    prior_mean, prior_width : Array, shape (12,)
-        Prior means and standard deviations of the transformed parameters.
+    draws : Population
+        Populations drawn from the posterior; leaves of shape (draws,).
+    draw_weights : Array, shape (draws,)
+        Their weights, which add up to 1.
     points : Points
         The sample of blocks.
-    data : TestData
-        Outcomes of the blocks of the sample in the tests, padded.
-    counts : Array
-        1 for the tests, 0 for the padding.
-    effective_blocks : Array
-        Effective sample size of the probabilities: 1 over the sum of squared weights.
-    groups : int
-        Number of groups of tests.
-    grouped : bool
-        Whether the tests of a group share a deviation.
-    simulator : Simulator
-        Settings that all blocks have in common.
     status : Array of int
         A `jaxrock.Status`: COMPLETE, or NOT_CONVERGED.
+    tests, overturned, groups : int
+        Numbers of tests, of those that overturned, and of groups.
+    undecided : tuple of str
+        Names of the medians whose uncertainty is still mostly that of the prior.
+    grouped : bool
+        Whether a deviation of groups can be told from that of tests.
+    simulator : Simulator
+        Settings that all blocks have in common.
     """
 
     population: Population
-    block: Block
-    restitution: Reals
-    free: Reals
-    covariance: Reals
-    draws: Reals
+    draws: Population
     draw_weights: Reals
-    prior_mean: Reals
-    prior_width: Reals
     points: Points
-    data: TestData
-    counts: Reals
-    effective_blocks: Reals
     status: Integers
+    tests: int = eqx.field(static=True)
+    overturned: int = eqx.field(static=True)
     groups: int = eqx.field(static=True)
+    undecided: tuple[str, ...] = eqx.field(static=True)
     grouped: bool = eqx.field(static=True)
     simulator: Simulator = eqx.field(static=True)
 
     @property
-    def tests(self) -> int:
-        """Number of tests."""
-        return int(np.asarray(self.counts).sum())
+    def restitution(self) -> Reals:
+        """Median coefficient of restitution [-]."""
+        return self.population.restitution
+
+    @property
+    def block(self) -> Block:
+        """Block at the medians."""
+        return Block.from_parameters(
+            self.population.frequency_parameter,
+            self.population.critical_angle,
+            self.simulator.gravity,
+            self.simulator.inertia_ratio,
+            one_sided=self.simulator.one_sided,
+        )
 
     @property
     def uncertain(self) -> Uncertain:
@@ -100,104 +92,70 @@ class OutcomeFit(Printed, eqx.Module):
 
         It does not include the lapse. The deviation of its critical angle includes the
         deviation between groups.
-
-        Raises
-        ------
-        ValueError
-            If the restitution is so uncertain that its density has two peaks.
         """
-        population = jax.tree.map(lambda leaf: np.asarray(leaf, float), self.population)
-        within = population.deviations
-        total = np.hypot(within, [population.group_deviation, 0.0, 0.0])
-        medians = [float(getattr(population, name)) for name in NAMES]
-        coefficients = find_coefficients(NAMES, medians, total)
-        # A deviation of groups adds to the variance of one, and nothing to covariances.
-        kept = within / total
+        values = {name: float(value) for name, value in vars(self.population).items()}
+        angle, frequency, odds = (values[f"{name}_deviation"] for name in NAMES)
+        total = np.hypot(angle, values["group_deviation"])
+        nodes, weights = np.polynomial.hermite_e.hermegauss(20)
+        restitutions = expit(logit(values["restitution"]) + odds * nodes)
+        mean, square = (np.average(restitutions**k, weights=weights) for k in (1, 2))
+        coefficients = {
+            "critical_angle": np.sqrt(np.expm1(total**2)),
+            "frequency_parameter": np.sqrt(np.expm1(frequency**2)),
+            "restitution": np.sqrt(square - mean**2) / mean,
+        }
+        # A deviation of groups adds to the variance of the angle, and nothing to covariances.
+        factors = dict.fromkeys(NAMES, 1.0) | {"critical_angle": angle / total}
         correlations = {
-            (NAMES[k], NAMES[m]): float(r * kept[k] * kept[m])
-            for (k, m), r in zip(PAIRS, population.correlations, strict=True)
+            (first, second): values[f"correlation_{first}_{second}"] * factors[first]
+            for first, second in itertools.combinations(NAMES, 2)
         }
         return Uncertain(
-            dict(zip(NAMES, coefficients.tolist(), strict=True)),
+            {name: float(value) for name, value in coefficients.items()},
             correlations=correlations,
             samples=_SAMPLES_OF_UNCERTAIN,
         )
 
-    def compute_intervals(self, confidence: float = 0.9) -> dict[str, tuple[float, float]]:
-        """Compute intervals of the parameters of the population, by name.
+    @property
+    def effective_blocks(self) -> Reals:
+        """Effective sample size of the probabilities: 1 over the sum of squared weights."""
+        return _count_effective_blocks(self.population, self.points)
 
-        Parameters
-        ----------
-        confidence : float
-            Between 0 and 1.
+    def compute_intervals(self) -> dict[str, tuple[float, float]]:
+        """Compute 90 % intervals of the parameters of the population, by name.
 
         Returns
         -------
         dict of tuple of float
-            Both ends, in the units of `Population`. Correlations are partial: the last one is
-            the correlation at a given critical angle.
-
-        Raises
-        ------
-        ValueError
-            If `confidence` is not between 0 and 1.
+            Both ends, in the units of `Population`.
         """
-        if not isinstance(confidence, float | int) or not 0 < confidence < 1:
-            raise ValueError(
-                f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
-            )
-        draws = np.asarray(self.draws, float)
         weights = np.asarray(self.draw_weights, float)
-        tail = 0.5 * (1 - confidence)
-        low, high = (
-            np.array([_find_quantile(column, weights, part) for column in draws.T])
-            for part in (tail, 1 - tail)
-        )
-        ends = [_list_numbers(low), _list_numbers(high)]
-        return {
-            name: (float(low), float(high))
-            for name, low, high in zip(FREE_NAMES, *ends, strict=True)
-        }
-
-    @property
-    def undecided(self) -> tuple[str, ...]:
-        """Names of the medians whose uncertainty is still mostly that of the prior."""
-        variance = np.diagonal(np.asarray(self.covariance, float))[: len(NAMES)]
-        left = variance / np.asarray(self.prior_width, float)[: len(NAMES)] ** 2
-        return tuple(name for name, part in zip(NAMES, left, strict=True) if part > _UNDECIDED)
+        intervals = {}
+        for name, draws in vars(self.draws).items():
+            order = np.argsort(draws)
+            middles = np.cumsum(weights[order]) - 0.5 * weights[order]
+            low, high = np.interp([_TAIL, 1 - _TAIL], middles, np.asarray(draws)[order])
+            intervals[name] = float(low), float(high)
+        return intervals
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks to read before using the results."""
-        sentences = []
-        status = describe_status(self.status)
-        if status:
-            sentences.append(status)
-        overturned = int((np.asarray(self.data.overturned) * np.asarray(self.counts)).sum())
-        if self.tests < _FEW_TESTS:
-            sentences.append(
-                f"there are {self.tests} tests only: most of the answer is the prior"
-                if self.tests > 1
-                else "there is one test only: most of the answer is the prior"
-            )
-        if overturned in (0, self.tests):
-            what = "all tests overturned" if overturned else "no test overturned"
-            sentences.append(f"{what}: they bound the population from one side only")
-        if self.undecided:
-            names = " and ".join(name.replace("_", " ") for name in self.undecided)
-            sentences.append(f"the tests hardly determine the {names}")
+        undecided = " and ".join(self.undecided).replace("_", " ")
         lapse = self.compute_intervals()["lapse"][0]
-        if lapse > _HIGH_LAPSE:
-            sentences.append(
-                f"at least {lapse:.0%} of the outcomes fit no block of the population: check"
-                " outcomes and motions"
-            )
-        if float(self.effective_blocks) < _FEW_BLOCKS:
-            sentences.append(
-                f"probabilities rest on {float(self.effective_blocks):.0f} blocks only: take more"
-                " samples"
-            )
-        return tuple(sentences)
+        outcome = "all tests" if self.overturned else "no test"
+        remarks = {
+            describe_status(self.status): True,
+            f"most of the answer is the prior: tests {self.tests}": self.tests < _FEW_TESTS,
+            f"{outcome} overturned: they bound the population from one side only": self.overturned
+            in (0, self.tests),
+            f"the tests hardly determine the {undecided}": undecided,
+            f"at least {lapse:.0%} of the outcomes fit no block of the population: check outcomes"
+            " and motions": lapse > _HIGH_LAPSE,
+            f"probabilities rest on {float(self.effective_blocks):.0f} blocks only: take more"
+            " samples": self.effective_blocks < _FEW_BLOCKS,
+        }
+        return tuple(remark for remark, applies in remarks.items() if remark and applies)
 
     def table(self) -> dict[str, list[Any]]:
         """List the parameters of the population, a row each, with their 90 % intervals.
@@ -207,72 +165,36 @@ class OutcomeFit(Printed, eqx.Module):
         dict of list
             ``parameter``, ``value``, ``low`` and ``high``.
         """
-        intervals = self.compute_intervals()
-        # Its fields are in the order of the intervals.
-        fields = jax.tree.leaves(self.population)
-        values = np.concatenate([np.ravel(field) for field in fields]).tolist()
-        # The interval of the last correlation is that of a partial one.
-        intervals["correlation_frequency_parameter_restitution"] = (np.nan, np.nan)
         rows = [
-            (name, value, *interval)
-            for (name, interval), value in zip(intervals.items(), values, strict=True)
-            if self._is_determined(name)
+            (name, float(getattr(self.population, name)), *interval)
+            for name, interval in self.compute_intervals().items()
+            if self.grouped or name != "group_deviation"
         ]
         heads = ("parameter", "value", "low", "high")
         return dict(zip(heads, map(list, zip(*rows, strict=True)), strict=True))
 
-    def _is_determined(self, name: str) -> bool:
-        """Return whether the tests say anything of a parameter."""
-        if name == "group_deviation":
-            return self.grouped
-        return name != "peak_deviation" or self.data.log_peak is not None
-
     def __str__(self) -> str:
-        overturned = int((np.asarray(self.data.overturned) * np.asarray(self.counts)).sum())
         in_groups = f" in {self.groups} groups" if self.grouped else ""
-        head = f"{self.tests} tests{in_groups}, {overturned} overturned; with 90 % intervals"
-        intervals = self.compute_intervals()
-        values = _list_numbers(np.asarray(self.free, float))
-        shown = [
-            k
-            for k, name in enumerate(FREE_NAMES)
-            if not name.startswith("correlation") and self._is_determined(name)
+        head = f"{self.tests} tests{in_groups}, {self.overturned} overturned"
+        table = self.table()
+        names = [
+            name.replace("_", " ") + (f" [{UNITS[name]}]" if name in UNITS else "")
+            for name in table.pop("parameter")
         ]
-        names = []
-        for k in shown:
-            name = FREE_NAMES[k]
-            unit = f" [{_UNITS[name]}]" if name in _UNITS else ""
-            words = name.replace("_", " ")
-            if name.endswith("_deviation") and name.removesuffix("_deviation") in NAMES:
-                of = "logit" if name.startswith("restitution") else "log"
-                words = (
-                    f"deviation of {of} {name.removesuffix('_deviation').replace('_', ' ')}"
-                )
-            names.append(words + unit)
-        table = format_table(
-            head,
-            names,
-            value=[values[k] for k in shown],
-            low=[intervals[FREE_NAMES[k]][0] for k in shown],
-            high=[intervals[FREE_NAMES[k]][1] for k in shown],
-        )
+        table = format_table(f"{head}; with 90 % intervals", names, **table)
         return "\n".join([table, *self.remarks])
 
-    def probability(
-        self, motions: Suite | Record, population: Population | None = None
-    ) -> Reals:
+    def probability(self, motions: Suite | Record) -> Reals:
         """Compute the probability that a test under each motion overturns.
 
         The block of the test is drawn anew from the population, its group is unknown, and
-        lapses are included.
+        lapses are included. The result may be differentiated with respect to `population`: its
+        derivatives are those of the weights of the sample, whose outcomes stay fixed.
 
         Parameters
         ----------
         motions : Suite or Record
             Concrete.
-        population : Population, optional
-            A population near the fitted one. It may be traced: derivatives are those of the
-            weights of the sample, whose outcomes stay fixed.
 
         Returns
         -------
@@ -284,7 +206,6 @@ class OutcomeFit(Printed, eqx.Module):
         ValueError
             If motions are traced, or an integration does not finish.
         """
-        single = isinstance(motions, Record)
         suite = Suite([motions]) if isinstance(motions, Record) else motions
         check_kind("motions", suite, Suite)
         if is_traced(suite):
@@ -292,52 +213,132 @@ class OutcomeFit(Printed, eqx.Module):
         coordinates = np.asarray(self.points.coordinates, float)
         # In a transformation, too, the outcomes are numbers: only the population is traced.
         with jax.ensure_compile_time_eval():
-            overturned, _ = self.simulator.simulate(coordinates, suite)
+            overturned = self.simulator.simulate(coordinates, suite)
         outcomes = jnp.asarray(overturned, self.points.coordinates.dtype)
-        chosen = self.population if population is None else population
-        probability = _compute_probability(chosen, self.points, outcomes)
-        return probability[0] if single else probability
-
-    def log_likelihood(self, population: Population | None = None) -> Reals:
-        """Compute the log-likelihood of the tests under a population near the fitted one.
-
-        Parameters
-        ----------
-        population : Population, optional
-            The fitted one by default. It may be traced.
-
-        Returns
-        -------
-        Array, shape ()
-        """
-        chosen = self.population if population is None else population
-        return _compute_log_likelihood(
-            chosen, self.points, self.data, self.counts, self.grouped
-        )
+        probability = _compute_probability(self.population, self.points, outcomes)
+        return probability[0] if isinstance(motions, Record) else probability
 
 
 _compute_probability = jax.jit(compute_probability)
 
 
-@functools.partial(jax.jit, static_argnums=4)
-def _compute_log_likelihood(
-    population: Population, points: Points, data: TestData, counts: Reals, grouped: bool
-) -> Reals:
-    """Compute the logarithm of the likelihood in one program."""
-    return compute_log_likelihood(population, points, data, counts, grouped=grouped)
+@jax.jit
+def _count_effective_blocks(population: Population, points: Points) -> Reals:
+    """Count the blocks on which probabilities rest."""
+    return 1 / jnp.sum((weigh_blocks(population, points) @ points.node_weights) ** 2)
 
 
-def _find_quantile(values: np.ndarray, weights: np.ndarray, part: float) -> float:
-    """Find the value below which a part of the weights is, between two draws by a line."""
-    order = np.argsort(values)
-    middles = np.cumsum(weights[order]) - 0.5 * weights[order]
-    return float(np.interp(part, middles, values[order]))
+def fit_outcomes(  # noqa: PLR0913
+    suite: Suite,
+    overturned: Flags,
+    *,
+    prior: PriorLike | None = None,
+    groups: Sequence[object] | None = None,
+    samples: int | None = None,
+    seed: int = 0,
+    model: ModelLike = Nonlinear(),
+    gravity: Number = 9.81,
+    inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
+    one_sided: bool = False,
+) -> OutcomeFit:
+    """Fit a population of blocks to tests on a shaking table that overturned or stood.
+
+    A single rocking motion cannot be predicted, but the statistics of many can (Bachmann et
+    al. 2018, https://doi.org/10.1002/eqe.2978). So each test has a block of its own, from a
+    population that is normal in ln(alpha_c), ln(p) and logit(C). A sample of blocks is
+    simulated once under all motions. The probability of each outcome is a weighted mean over
+    this sample. The weights are smooth functions of the population, so the mode of the
+    posterior is found by gradients.
+
+    Parameters
+    ----------
+    suite : Suite
+        The motion of each test; on the ground or on a floor, with a vertical component or not.
+    overturned : array_like of bool, shape (tests,)
+        Whether the block of each test overturned.
+    prior : Block, FreeRockingFit or mapping, optional
+        Prior of the medians: a block of known size, a test of free rocking, or a median and
+        its coefficient of variation for any of "critical_angle" [rad], "frequency_parameter"
+        [1/s] and "restitution" [-]. By default it is nearly uninformative.
+    groups : sequence of str, optional
+        A name for each test, such as that of the earthquake. Tests of a group share an error
+        of the model. By default all tests are independent.
+    samples : int, optional
+        Number of blocks in the sample, a power of 2 from 64 on. Half as many more are drawn
+        from the prior. By default 8,192 for up to 128 tests, 4,096 for up to 256, 2,048 for
+        more.
+    seed : int
+        Seed of the Sobol points.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion; see `respond`.
+    gravity, inertia_ratio : float
+        g [m/s2] and I_O / (m R^2) [-]; outcomes cannot distinguish their effects from that of
+        p.
+    one_sided : bool
+        Whether the blocks stand against a wall.
+
+    Returns
+    -------
+    OutcomeFit
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range, traced or of the wrong shape; if the integration of a
+        motion does not finish.
+
+    Notes
+    -----
+    Outcomes alone leave a ridge in the posterior: a block that is more slender, is larger and
+    loses more energy behaves much like one that is stockier, is smaller and loses less.
+    `OutcomeFit.undecided` names the medians that the
+    tests do not determine.
+
+    The sample is simulated in single precision.
+
+    Examples
+    --------
+    >>> import jaxrock as jr, numpy as np
+    >>> suite = jr.example_suite().scaled(np.linspace(0.5, 2.0, 20))
+    >>> block, restitution = jr.Block(0.1, 6.0), 0.9
+    >>> overturned = jr.respond_batch(block, restitution, suite).overturned
+    >>> fit = jr.fit_outcomes(suite, overturned, prior=block, samples=256)
+    >>> print(fit.tests, fit.undecided)
+    20 ('critical_angle', 'frequency_parameter')
+    """
+    campaign = check_campaign(
+        suite,
+        overturned,
+        groups,
+        prior=prior,
+        samples=samples,
+        seed=seed,
+        model=model,
+        gravity=gravity,
+        inertia_ratio=inertia_ratio,
+        one_sided=one_sided,
+    )
+    return make_outcome_fit(campaign, fit_parts(campaign, [np.ones(len(suite), bool)]))
 
 
-def _list_numbers(free: np.ndarray) -> np.ndarray:
-    """List the numbers of a population in the order of `FREE_NAMES`; partial correlations."""
-    medians = [*np.exp(free[:2]), 1 / (1 + np.exp(-free[2]))]
-    lapse = 1 / (1 + np.exp(-free[9]))
-    return np.array(
-        [*medians, *np.exp(free[3:6]), *np.tanh(free[6:9]), lapse, *np.exp(free[10:])]
+def make_outcome_fit(campaign: Campaign, fitted: CampaignFit) -> OutcomeFit:
+    """Make the answer of the first part of a fit, which has to be of all tests."""
+    mode, posterior, prior = fitted.modes[0], fitted.posterior, campaign.prior
+    population = scale_to_prior(as_array(mode.standard), prior)
+    if not campaign.grouped:
+        zero = jnp.zeros_like(population.lapse)
+        population = eqx.tree_at(lambda p: p.group_deviation, population, zero)
+    variances = dict(zip(vars(population), posterior.variances, strict=True))
+    return OutcomeFit(
+        population=population,
+        draws=jax.vmap(scale_to_prior, (0, None))(as_array(posterior.standard), prior),
+        draw_weights=as_array(posterior.weights),
+        points=fitted.evidence.points,
+        status=as_array(np.asarray(mode.status)),
+        tests=len(campaign.overturned),
+        overturned=int(campaign.overturned.sum()),
+        groups=len(campaign.groups),
+        undecided=tuple(name for name in NAMES if variances[name] > _UNDECIDED),
+        grouped=campaign.grouped,
+        simulator=campaign.simulator,
     )

@@ -3,42 +3,42 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
 
 from ...block import RECTANGLE_INERTIA_RATIO
-from ...ground_motion import Suite, describe_suite
+from ...ground_motion import Suite, describe_suite, measure_drift
 from ...host import add_names, format_table, make_dataset
 from ...resonance import ModelLike, Nonlinear
-from ...validation import Flags, Number, Numbers
-from .answer import OutcomeFit
+from ...validation import Flags, Number, Reals, as_array
+from .answer import OutcomeFit, make_outcome_fit
 from .campaign import Campaign, CampaignFit, check_campaign, fit_parts
-from .fit import make_outcome_fit
-from .intensity_rules import fit_intensity_rule, measure_tests
-from .likelihood import average_weights, compute_probability
-from .population import unpack_population
-from .prior import PriorLike
-from .scores import (
-    accuracy,
-    brier_score,
-    compare_distributions,
-    compute_crps,
-    compute_reliability,
-    log_score,
-    weight_held_out,
-)
+from .likelihood import Points, compute_probability
+from .posterior import scale_to_prior
+from .prior import Prior, PriorLike
+from .scores import compute_reliability, compute_scores, predict_by_intensity
 
 if TYPE_CHECKING:
     import xarray
 
-    from ...host import Labelled
-
-PREDICTORS = ("blocks", "pgv", "pga", "base rate")
+_PREDICTORS = ("blocks", "pgv", "pga", "base rate")
 _CONFIDENCE = 0.9  # of intervals of observed frequencies
-PEAK_SCORES = ("crps", "ks_distance", "ks_p_value")
-_SCORES = {
-    "brier": ("Brier score", brier_score),
-    "log_score": ("logarithmic score", log_score),
-    "accuracy": ("fraction of outcomes with a probability above 1/2", accuracy),
+_SCORES = ("brier", "log_score", "accuracy")
+# Dimensions, long name and unit of the variables of a dataset of scores.
+_OVER_SPLITS = ("predictor", "split")
+_VARIABLES = {
+    "brier": (_OVER_SPLITS, "Brier score", "1"),
+    "log_score": (_OVER_SPLITS, "logarithmic score", "1"),
+    "accuracy": (_OVER_SPLITS, "fraction of outcomes with a probability above 1/2", "1"),
+    "probability": (("predictor", "test"), "mean probability where not fitted", "1"),
+    "overturned": ("test", "1 where the block overturned", "1"),
+    "pgv": ("test", "peak ground velocity without drift", "m/s"),
+    "pga": ("test", "peak ground acceleration", "m/s2"),
+    "predicted": ("bin", "mean predicted probability", "1"),
+    "observed": ("bin", "frequency of overturning", "1"),
+    "observed_low": ("bin", "lower end of the interval of the frequency", "1"),
+    "observed_high": ("bin", "upper end of the interval of the frequency", "1"),
+    "tests": ("bin", "number of tests, each counted once", "1"),
 }
 
 
@@ -50,7 +50,6 @@ def cross_validate(  # noqa: PLR0913
     splits: int = 40,
     seed: int = 0,
     prior: PriorLike | None = None,
-    peak_rotations: Numbers | None = None,
     samples: int | None = None,
     model: ModelLike = Nonlinear(),
     gravity: Number = 9.81,
@@ -65,7 +64,7 @@ def cross_validate(  # noqa: PLR0913
 
     Parameters
     ----------
-    suite, overturned, prior, peak_rotations, samples, model, gravity, inertia_ratio, one_sided
+    suite, overturned, prior, samples, model, gravity, inertia_ratio, one_sided
         As in `fit_outcomes`.
     groups : sequence of str, optional
         A name for each test, such as that of the earthquake; by default each test is a group.
@@ -90,10 +89,6 @@ def cross_validate(  # noqa: PLR0913
           ``observed`` frequency with its Clopper-Pearson interval ``observed_low`` to
           ``observed_high``, and the number of ``tests``, each of which counts once over all
           splits.
-        - If peaks are given, over split: ``crps`` [rad], the continuous ranked probability
-          score of blocks that stand; ``ks_distance`` and ``ks_p_value`` of the
-          Kolmogorov-Smirnov test that measured and predicted peaks have the same
-          distribution. Over test: ``peak_rotation`` [rad].
 
     Raises
     ------
@@ -116,29 +111,19 @@ def cross_validate(  # noqa: PLR0913
         suite,
         overturned,
         groups,
-        peak_rotations,
-        prior,
-        samples,
-        seed,
-        model,
-        gravity,
-        inertia_ratio,
-        one_sided,
+        prior=prior,
+        samples=samples,
+        seed=seed,
+        model=model,
+        gravity=gravity,
+        inertia_ratio=inertia_ratio,
+        one_sided=one_sided,
     )
     return fit_and_score(campaign, splits)[1]
 
 
 def fit_and_score(campaign: Campaign, splits: int) -> tuple[OutcomeFit, "xarray.Dataset"]:
     """Fit a campaign whole and by halves, from one sample, and score the halves."""
-    parts = _draw_parts(campaign, splits)
-    everything = np.ones(len(campaign.overturned), bool)
-    fitted = fit_parts(campaign, [everything, *parts])
-    fit = make_outcome_fit(campaign, fitted)
-    return fit, _score(campaign, fitted, parts)
-
-
-def _draw_parts(campaign: Campaign, splits: int) -> list[np.ndarray]:
-    """Draw which tests are fitted, for each split."""
     if type(splits) is not int or splits < 1:
         raise ValueError(f"splits must be a whole number from 1 on, got {splits!r:.60}")
     number = len(campaign.groups)
@@ -147,11 +132,12 @@ def _draw_parts(campaign: Campaign, splits: int) -> list[np.ndarray]:
             "groups must have at least two names, one to fit and one to predict, got only"
             f" {campaign.groups[0]!r}"
         )
-    parts = []
+    parts = [np.ones(len(campaign.overturned), bool)]
     for split in range(splits):
         order = np.random.default_rng(campaign.seed + split).permutation(number)
         parts.append(np.isin(campaign.group, order[: number // 2]))
-    return parts
+    fitted = fit_parts(campaign, parts)
+    return make_outcome_fit(campaign, fitted), _score(campaign, fitted, parts[1:])
 
 
 def _score(
@@ -160,134 +146,80 @@ def _score(
     """Score the predictions of all splits."""
     overturned = campaign.overturned
     measures = measure_tests(campaign.suite)
-    probability = np.full((len(PREDICTORS), len(parts), overturned.size), np.nan)
+    probability = np.full((len(_PREDICTORS), len(parts), overturned.size), np.nan)
     for split, part in enumerate(parts):
-        held_out = ~part
-        predicted = _predict(fitted, split + 1)[: overturned.size]
-        rules = [
-            fit_intensity_rule(measures[name][part], overturned[part]).probability(
-                measures[name][held_out]
-            )
-            for name in ("pgv", "pga")
-        ]
-        base_rate = np.full(held_out.sum(), overturned[part].mean())
-        probability[:, split, held_out] = [predicted[held_out], *rules, base_rate]
-    reliability = compute_reliability(
-        probability[0], overturned, weight_held_out(probability[0]), confidence=_CONFIDENCE
-    )
-    held_out_splits = (~np.isnan(probability[0])).sum(axis=0)
-    mean = np.nansum(probability, axis=1) / np.where(held_out_splits, held_out_splits, np.nan)
-    variables: dict[str, Labelled] = {
-        name: (("predictor", "split"), score(probability, overturned), _describe(words, "1"))
-        for name, (words, score) in _SCORES.items()
+        standard = as_array(fitted.modes[split + 1].standard)
+        prior, points, data = fitted.evidence
+        blocks = _predict(standard, prior, points, data.outcomes)[: overturned.size]
+        rules = [predict_by_intensity(m, overturned, part) for m in measures.values()]
+        base_rate = np.full(overturned.size, overturned[part].mean())
+        predictions = np.stack([np.asarray(blocks, float), *rules, base_rate])
+        probability[:, split, ~part] = predictions[:, ~part]
+    times = np.sum(~np.isnan(probability[0]), axis=0)
+    values = {
+        **compute_scores(probability, overturned),
+        "probability": np.nansum(probability, axis=1) / np.where(times, times, np.nan),
+        "overturned": overturned.astype(np.int8),
+        **measures,
+        **compute_reliability(probability[0], overturned, _CONFIDENCE),
     }
-    variables["probability"] = (
-        ("predictor", "test"),
-        mean,
-        _describe("probability of overturning, mean of splits that did not fit the test", "1"),
-    )
-    variables["overturned"] = (
-        "test",
-        overturned.astype(np.int8),
-        _describe("1 where the block overturned", "1"),
-    )
-    variables["group"] = (
-        "test",
-        np.array(campaign.groups)[campaign.group],
-        {"long_name": "group of the test"},
-    )
-    variables["pgv"] = (
-        "test",
-        measures["pgv"],
-        _describe("peak ground velocity without drift", "m/s"),
-    )
-    variables["pga"] = ("test", measures["pga"], _describe("peak ground acceleration", "m/s2"))
-    words = {
-        "bin_low": "lower end of a bin of probability",
-        "bin_high": "upper end of a bin of probability",
-        "predicted": "mean predicted probability",
-        "observed": "frequency of overturning",
-        "observed_low": "lower end of the interval of the frequency",
-        "observed_high": "upper end of the interval of the frequency",
-        "tests": "number of tests, each counted once",
+    variables = {
+        name: (dimensions, values[name], {"long_name": long_name, "units": unit})
+        for name, (dimensions, long_name, unit) in _VARIABLES.items()
     }
-    for name, long_name in words.items():
-        variables[name] = ("bin", getattr(reliability, name), _describe(long_name, "1"))
-    if campaign.peak_rotations is not None:
-        variables |= _score_peaks(campaign, fitted, parts)
-    coordinates: dict[str, Labelled] = {
-        "split": (
-            "split",
-            campaign.seed + np.arange(len(parts)),
-            {"long_name": "seed of the split"},
-        ),
-        "bin": (
-            "bin",
-            np.arange(reliability.tests.size),
-            {"long_name": "bin of probability"},
-        ),
+    seeds = campaign.seed + np.arange(len(parts))
+    bins = np.arange(values["tests"].size)
+    coordinates = {
+        "split": ("split", seeds, {"long_name": "seed of the split"}),
+        "bin": ("bin", bins, {"long_name": "bin of probability"}),
     }
-    attributes: dict[str, object] = {
+    attributes = {
         "splits": len(parts),
         "seed": campaign.seed,
         "groups": len(campaign.groups),
-        "blocks": len(fitted.sample.coordinates),
+        "blocks": len(fitted.evidence.points.coordinates),
         "confidence": _CONFIDENCE,
         "model": campaign.simulator.model.name,
         **describe_suite(campaign.suite),
     }
     dataset = make_dataset("Predicted outcomes of tests", variables, coordinates, attributes)
+    names = np.array(campaign.groups)[campaign.group]
+    dataset["group"] = ("test", names, {"long_name": "group of the test"})
     return add_names(
         dataset,
-        predictor=(PREDICTORS, "predictor of the outcome"),
+        predictor=(_PREDICTORS, "predictor of the outcome"),
         test=(campaign.suite.names, "test"),
     )
 
 
-def _describe(long_name: str, units: str) -> dict[str, str]:
-    """Make the attributes of a variable."""
-    return {"long_name": long_name, "units": units}
+@jax.jit
+def _predict(standard: Reals, prior: Prior, points: Points, outcomes: Reals) -> Reals:
+    """Predict the probabilities of all tests by a population."""
+    return compute_probability(scale_to_prior(standard, prior), points, outcomes)
 
 
-def _predict(fitted: CampaignFit, part: int) -> np.ndarray:
-    """Predict the probabilities of all tests by the population fitted to a part."""
-    population = unpack_population(fitted.searched[part].free)
-    return np.asarray(
-        compute_probability(population, fitted.sample.points, fitted.data.outcomes), float
-    )
+def measure_tests(suite: Suite) -> dict[str, np.ndarray]:
+    """Measure the intensities of motions of tests, as they are scaled.
 
+    The peak ground velocity is the one without the drift, a straight line from rest to the
+    velocity at the end: a shaking table starts and ends at rest, and an accelerometer with an
+    offset makes it seem to move on. Of a suite on a floor, the intensities are those of the
+    ground.
 
-def _score_peaks(
-    campaign: Campaign, fitted: CampaignFit, parts: Sequence[np.ndarray]
-) -> dict[str, "Labelled"]:
-    """Score predicted peaks of blocks that stand, in the tests where one was measured."""
-    peaks = fitted.sample.peaks
-    measured = campaign.peak_rotations
-    assert peaks is not None
-    assert measured is not None
-    scores = np.full((3, len(parts)), np.nan)
-    for split, part in enumerate(parts):
-        population = unpack_population(fitted.searched[split + 1].free)
-        of_blocks = np.asarray(average_weights(population, fitted.sample.points), float)
-        weights = np.where(fitted.sample.overturned, 0.0, of_blocks)
-        scored = ~part & ~np.isnan(measured) & (weights.sum(axis=1) > 0)
-        if not scored.any():
-            continue
-        samples = peaks[scored].astype(float)
-        crps = compute_crps(samples, weights[scored], measured[scored])
-        compared = compare_distributions(samples, weights[scored], measured[scored])
-        scores[:, split] = np.mean(crps), compared.distance, compared.p_value
-    words = {
-        "crps": _describe("continuous ranked probability score of peaks", "rad"),
-        "ks_distance": _describe("Kolmogorov-Smirnov distance of peaks", "1"),
-        "ks_p_value": _describe("p-value of the Kolmogorov-Smirnov test of peaks", "1"),
-    }
-    variables: dict[str, Labelled] = {
-        name: ("split", values, words[name])
-        for name, values in zip(words, scores, strict=True)
-    }
-    variables["peak_rotation"] = ("test", measured, _describe("measured peak rotation", "rad"))
-    return variables
+    Parameters
+    ----------
+    suite : Suite
+        Concrete, of one scale for each record.
+
+    Returns
+    -------
+    dict
+        ``"pgv"`` [m/s] and ``"pga"`` [m/s2], each of shape (tests,). Both are exact for lines
+        between samples.
+    """
+    records = suite.records if suite.ground is None else suite.ground.records
+    velocities = [abs(float(r.scale)) * measure_drift(r).steady for r in records]
+    return {"pgv": np.array(velocities), "pga": np.asarray(suite.measure("pga"), float)}
 
 
 def tabulate_scores(scores: "xarray.Dataset") -> dict[str, list[Any]]:
@@ -323,9 +255,9 @@ def tabulate_tests(scores: "xarray.Dataset") -> dict[str, list[Any]]:
     -------
     dict of list
     """
-    names = ("group", "pgv", "pga", "overturned", "peak_rotation")
+    names = ("group", "pgv", "pga", "overturned")
     columns = {"name": scores.test.values.tolist()}
-    columns |= {name: scores[name].values.tolist() for name in names if name in scores}
+    columns |= {name: scores[name].values.tolist() for name in names}
     for predictor in scores.predictor.values.tolist():
         probability = scores.probability.sel(predictor=predictor)
         columns[f"probability by {predictor}"] = probability.values.tolist()
@@ -345,19 +277,5 @@ def describe_scores(scores: "xarray.Dataset") -> str:
     str
     """
     table = tabulate_scores(scores)
-    columns = {
-        name: [
-            f"{mean:.3f}" if np.isnan(deviation) else f"{mean:.3f} ± {deviation:.3f}"
-            for mean, deviation in zip(table[name], table[f"{name}_deviation"], strict=True)
-        ]
-        for name in _SCORES
-    }
     title = f"scores for tests that were not fitted, {scores.sizes['split']} splits"
-    lines = [format_table(title, table["predictor"], **columns)]
-    if "crps" in scores:
-        means = (float(scores[name].mean("split")) for name in PEAK_SCORES)
-        lines.append(
-            "peak rotations: CRPS {:.4g} rad, Kolmogorov-Smirnov distance {:.3f}, its p-value"
-            " {:.3g}".format(*means)
-        )
-    return "\n".join(lines)
+    return format_table(title, table.pop("predictor"), **table)

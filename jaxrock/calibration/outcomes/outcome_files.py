@@ -1,19 +1,20 @@
 """Tables of tests, or of objects in earthquakes, that overturned or stood, with their motions."""
 
+import functools
+import itertools
 import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
 
 from ...ground_motion import Record, Suite, read_record
-from ...host import Printed, show_progress
+from ...host import Printed
 from ...tables import Column, Contents, read_table
-from ...validation import POSITIVE, Booleans, Domain, Reals
+from ...validation import POSITIVE, Booleans, Domain
 
 _COLUMNS = {
     "file": Column(required=True),
@@ -27,7 +28,6 @@ _COLUMNS = {
         synonyms=("scale factor",),
     ),
     "group": Column(synonyms=("earthquake", "event")),
-    "peak rotation": Column("angle", synonyms=("max rotation", "maximum rotation")),
     "name": Column(synonyms=("test",)),
 }
 
@@ -43,40 +43,20 @@ class Outcomes(Printed, eqx.Module):
         Whether the block overturned.
     groups : tuple of str, optional
         The group of each test, such as the earthquake.
-    peak_rotations : Array, shape (tests,), optional
-        Largest measured rotation [rad]; NaN where none was measured or the block overturned.
     """
 
     suite: Suite
     overturned: Booleans
     groups: tuple[str, ...] | None = eqx.field(static=True)
-    peak_rotations: Reals | None
 
     def __str__(self) -> str:
         count = len(self.suite)
         overturned = int(np.asarray(self.overturned).sum())
-        of_groups = ""
-        if self.groups is not None:
-            groups = len(set(self.groups))
-            of_groups = f" in {groups} group{'s' * (groups > 1)}"
-        lines = [
-            f"{count} test{'s' * (count > 1)}{of_groups}: {overturned} overturned,"
-            f" {count - overturned} stood",
-            str(self.suite),
-        ]
-        if self.peak_rotations is not None:
-            measured = np.isfinite(np.asarray(self.peak_rotations)).sum()
-            lines.append(f"peak rotations of {measured} tests")
-        return "\n".join(lines)
-
-
-class _Source(NamedTuple):
-    """A motion of a file, and what the table states of it: its unit, step [s] and column."""
-
-    path: Path
-    unit: str | None
-    time_step: float | None
-    column: str | None
+        in_groups = f" in {len(set(self.groups))} groups" if self.groups else ""
+        return (
+            f"{count} test{'s' * (count > 1)}{in_groups}: {overturned} overturned,"
+            f" {count - overturned} stood\n{self.suite}"
+        )
 
 
 def read_tests(path: str | os.PathLike[str]) -> Outcomes:
@@ -101,16 +81,14 @@ def read_tests(path: str | os.PathLike[str]) -> Outcomes:
 
         A ``scale`` is a factor on the motion, 1 if it is missing; if it is negative, the
         motion is reversed. Tests of the same ``group``, also ``earthquake`` or ``event``, are
-        not independent of each other; either all tests have a group or none has. A ``peak
-        rotation``, in rad, mrad or deg, is empty where it was not measured; that of a test
-        that overturned is left out, since a block that falls has no peak. A test may have a
-        ``name``. By default it is the name of the file without its ending, followed by a
+        not independent of each other; either all tests have a group or none has. A test may
+        have a ``name``. By default it is the name of the file without its ending, followed by a
         number if that name is taken.
 
     Returns
     -------
     Outcomes
-        The suite of the motions, what overturned, groups and peak rotations. A file that
+        The suite of the motions, what overturned, and groups. A file that
         several tests have in common is read once.
 
     Raises
@@ -118,7 +96,8 @@ def read_tests(path: str | os.PathLike[str]) -> Outcomes:
     ValueError
         With file and line, if the table cannot be read, a column states no unit or another
         one, or its name is one letter away from one of these; with a line for each row in which
-        a value is missing, not understood or out of range, or a motion cannot be read.
+        a value is missing, not understood or out of range; for the first motion that cannot be
+        read.
 
     Examples
     --------
@@ -141,24 +120,12 @@ def read_tests(path: str | os.PathLike[str]) -> Outcomes:
         "a group was expected, since other tests have one",
     )
     records = _read_records(contents, Path(path).parent)
-    overturned = values["overturned"]
-    # A block that falls has no peak, whatever was noted.
-    peaks = np.where(overturned, np.nan, values["peak rotation"])
-    # A rotation of more than a right angle was measured in another unit than stated.
-    contents.require(
-        np.isnan(peaks) | ((peaks >= 0) & (peaks < math.pi / 2)),
-        "a peak rotation of at least 0 and less than pi / 2 rad was expected",
-    )
     try:
         suite = Suite(records, _make_names(values["name"].tolist(), values["file"].tolist()))
     except ValueError as error:
         raise contents.table.text.error(str(error)) from None
-    return Outcomes(
-        suite,
-        jax.device_put(overturned),
-        tuple(groups.tolist()) if groups[0] else None,
-        None if np.isnan(peaks).all() else jax.device_put(peaks),
-    )
+    overturned = jax.device_put(values["overturned"])
+    return Outcomes(suite, overturned, tuple(groups.tolist()) if groups[0] else None)
 
 
 def _make_names(names: Sequence[str], files: Sequence[str]) -> list[str]:
@@ -166,39 +133,26 @@ def _make_names(names: Sequence[str], files: Sequence[str]) -> list[str]:
     made: list[str] = []
     for name, file in zip(names, files, strict=True):
         stem = Path(file).stem
-        number = 1
-        while not name:
-            words = stem if number == 1 else f"{stem} {number}"
-            name = "" if words in (*names, *made) else words
-            number += 1
-        made.append(name)
+        numbered = (f"{stem} {number}" for number in itertools.count(2))
+        taken = {*names, *made}
+        free = (each for each in itertools.chain([stem], numbered) if each not in taken)
+        made.append(name or next(free))
     return made
 
 
 def _read_records(contents: Contents, folder: Path) -> list[Record]:
-    """Read the motions of tests, each source once; all that cannot be read are one error."""
-    columns = (
-        contents.values[name].tolist() for name in ("file", "unit", "time step", "column")
-    )
-    sources = [
-        _Source(
-            folder / file, unit or None, None if math.isnan(step) else step, column or None
-        )
-        for file, unit, step, column in zip(*columns, strict=True)
-    ]
-    records: dict[_Source, Record] = {}
-    faults: list[str] = []
-    for source in show_progress([*dict.fromkeys(sources)], "reading motions"):
-        path, unit, time_step, column = source
+    """Read the motions of tests, as they are scaled, each source once."""
+    names = ("file", "unit", "time step", "column", "scale")
+    rows = zip(*(contents.values[name].tolist() for name in names), strict=True)
+    read = functools.cache(read_record)
+    records = []
+    for row, (file, unit, step, column, scale) in zip(contents.table.rows, rows, strict=True):
+        step = None if math.isnan(step) else step
         try:
-            records[source] = read_record(path, unit=unit, time_step=time_step, column=column)
+            record = read(
+                folder / file, unit=unit or None, time_step=step, column=column or None
+            )
         except ValueError as error:
-            line = contents.table.rows[sources.index(source)].line
-            faults.append(str(contents.table.text.error(str(error), line)))
-    if faults:
-        raise ValueError("\n".join(faults))
-    scales = contents.values["scale"].tolist()
-    return [
-        records[source].scaled(1.0 if math.isnan(scale) else scale)
-        for source, scale in zip(sources, scales, strict=True)
-    ]
+            raise contents.table.text.error(str(error), row.line) from None
+        records.append(record.scaled(1.0 if math.isnan(scale) else scale))
+    return records

@@ -1,34 +1,16 @@
 """A population of blocks: how the blocks of a series of tests are distributed."""
 
-import math
-from typing import NamedTuple
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from ...host import Printed
+from ...host import Printed, format_fields
 from ...validation import Reals
 
-# The coordinates of a block, in which a population is Gaussian: the logarithms of the critical
-# angle and of the frequency parameter, the logit of the restitution.
+# Of a block: a population is normal in ln(alpha_c), ln(p) and logit(C).
 NAMES = ("critical_angle", "frequency_parameter", "restitution")
-PAIRS = ((0, 1), (0, 2), (1, 2))  # of coordinates, in the order of `Population.correlations`
-# Free numbers of a population in the order of `pack_population`, for tables.
-FREE_NAMES = (
-    *NAMES,
-    *(f"{name}_deviation" for name in NAMES),
-    *(f"correlation_{NAMES[k]}_{NAMES[m]}" for k, m in PAIRS),
-    "lapse",
-    "group_deviation",
-    "peak_deviation",
-)
-# Nodes and weights of a Gauss-Hermite quadrature over the deviation that the tests of a group
-# share: exact for polynomials up to degree 9.
-_NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
-NODES = tuple(_NODES.tolist())
-NODE_WEIGHTS = tuple((_NODE_WEIGHTS / _NODE_WEIGHTS.sum()).tolist())
+UNITS = {"critical_angle": "rad", "frequency_parameter": "1/s"}
+FRACTIONS = ("restitution", "lapse")
 
 
 class Population(Printed, eqx.Module):
@@ -38,127 +20,78 @@ class Population(Printed, eqx.Module):
 
     Attributes
     ----------
-    critical_angle, frequency_parameter, restitution : Array, shape ()
+    critical_angle, frequency_parameter, restitution : Array
         Medians of alpha_c [rad], p [1/s] and C [-].
-    deviations : Array, shape (3,)
+    critical_angle_deviation, frequency_parameter_deviation, restitution_deviation : Array
         Standard deviations of ln(alpha_c), ln(p) and logit(C) from test to test [-].
-    correlations : Array, shape (3,)
-        Of ln(alpha_c) and ln(p), of ln(alpha_c) and logit(C), of ln(p) and logit(C) [-].
-    lapse : Array, shape ()
+    correlation_critical_angle_frequency_parameter : Array
+        Correlation of ln(alpha_c) and ln(p) [-].
+    correlation_critical_angle_restitution : Array
+        Correlation of ln(alpha_c) and logit(C) [-].
+    correlation_frequency_parameter_restitution : Array
+        Correlation of ln(p) and logit(C) [-].
+    lapse : Array
         Probability that the outcome of a test does not depend on its block: overturning and
         standing are then equally likely [-].
-    group_deviation : Array, shape ()
-        Standard deviation of a change of ln(alpha_c) that all tests of a group share [-]; 0
-        where the tests have no groups.
-    peak_deviation : Array, shape ()
-        Standard deviation of the logarithm of a measured over a computed peak rotation [-].
+    group_deviation : Array
+        Standard deviation of a change of ln(alpha_c) that all tests of a group share [-].
     """
 
     critical_angle: Reals
     frequency_parameter: Reals
     restitution: Reals
-    deviations: Reals
-    correlations: Reals
+    critical_angle_deviation: Reals
+    frequency_parameter_deviation: Reals
+    restitution_deviation: Reals
+    correlation_critical_angle_frequency_parameter: Reals
+    correlation_critical_angle_restitution: Reals
+    correlation_frequency_parameter_restitution: Reals
     lapse: Reals
     group_deviation: Reals
-    peak_deviation: Reals
 
     def __str__(self) -> str:
-        medians = (self.critical_angle, self.frequency_parameter, self.restitution)
-        units = ("rad", "1/s", "")
-        lines = [
-            f"{name.replace('_', ' '):22}{float(median):.4g} {unit}".rstrip()
-            for name, median, unit in zip(NAMES, medians, units, strict=True)
-        ]
-        deviations = ", ".join(f"{d:.3g}" for d in np.asarray(self.deviations).tolist())
-        correlations = ", ".join(f"{r:.2f}" for r in np.asarray(self.correlations).tolist())
-        lines += [
-            f"{'deviations':22}{deviations}",
-            f"{'correlations':22}{correlations}",
-            f"{'lapse':22}{float(self.lapse):.3g}",
-        ]
-        if float(self.group_deviation):
-            lines.append(f"{'deviation of groups':22}{float(self.group_deviation):.3g}")
-        return "\n".join(lines)
+        return format_fields(self, **dict.fromkeys(vars(self), "") | UNITS)
+
+    @property
+    def mean(self) -> Reals:
+        """Mean of ln(alpha_c), ln(p) and logit(C), shape (3,)."""
+        odds = self.restitution / (1 - self.restitution)
+        return jnp.log(jnp.stack([self.critical_angle, self.frequency_parameter, odds]))
+
+    @property
+    def factor(self) -> Reals:
+        """Lower Cholesky factor of the covariance of ln(alpha_c), ln(p), logit(C), (3, 3)."""
+        r21 = self.correlation_critical_angle_frequency_parameter
+        r31 = self.correlation_critical_angle_restitution
+        r32 = self.correlation_frequency_parameter_restitution
+        # Written out: a factorization would give NaN where rounding makes the matrix
+        # indefinite, as at a correlation of 1.
+        l22 = jnp.sqrt(jnp.maximum(1 - r21**2, 0))
+        l32 = (r32 - r21 * r31) / l22
+        l33 = jnp.sqrt(jnp.maximum(1 - r31**2 - l32**2, 0))
+        zero = jnp.zeros_like(r21)
+        rows = [zero + 1, zero, zero, r21, l22, zero, r31, l32, l33]
+        deviations = [getattr(self, f"{name}_deviation") for name in NAMES]
+        return jnp.stack(deviations)[:, None] * jnp.stack(rows).reshape(3, 3)
 
 
-class Normal(NamedTuple):
-    """A normal distribution of coordinates.
+def make_population(unbounded: Population) -> Population:
+    """Make the population of unbounded parameters; the last correlation is a partial one.
 
-    Attributes
-    ----------
-    mean : Array, shape (3,)
-    factor : Array, shape (3, 3)
-        Lower triangle of Cholesky of the covariance.
+    The partial correlation of ln(p) and logit(C) at a given alpha_c may have any value,
+    whatever the other two are.
     """
-
-    mean: Reals
-    factor: Reals
-
-
-def to_normal(population: Population) -> Normal:
-    """Return the distribution of coordinates within a group that deviates by nothing."""
-    restitution = population.restitution
-    mean = jnp.stack(
-        [
-            jnp.log(population.critical_angle),
-            jnp.log(population.frequency_parameter),
-            jnp.log(restitution) - jnp.log1p(-restitution),
-        ]
-    )
-    r21, r31, r32 = population.correlations
-    # Cholesky's factor of a correlation matrix, written out: a factorization would give NaN
-    # where rounding makes the matrix indefinite, as at a correlation of 1.
-    low22 = jnp.sqrt(jnp.maximum(1 - r21**2, 0))
-    low32 = (r32 - r21 * r31) / low22
-    low33 = jnp.sqrt(jnp.maximum(1 - r31**2 - low32**2, 0))
-    zero = jnp.zeros_like(r21)
-    rows = [
-        jnp.stack([zero + 1, zero, zero]),
-        jnp.stack([r21, low22, zero]),
-        jnp.stack([r31, low32, low33]),
-    ]
-    return Normal(mean, population.deviations[:, None] * jnp.stack(rows))
-
-
-def pack_population(population: Population) -> np.ndarray:
-    """Return the free numbers of a population, on which nothing bounds a search.
-
-    They are the coordinates of the medians, logarithms of deviations, inverse hyperbolic
-    tangents of partial correlations, the logit of the lapse, and the logarithms of the other
-    two deviations.
-    """
-    host = jax.tree.map(lambda leaf: np.asarray(leaf, float), population)
-    r21, r31, r32 = host.correlations
-    partial = (r32 - r21 * r31) / math.sqrt((1 - r21**2) * (1 - r31**2))
-    return np.concatenate(
-        [
-            np.log([host.critical_angle, host.frequency_parameter]),
-            [math.log(host.restitution / (1 - host.restitution))],
-            np.log(host.deviations),
-            np.arctanh([r21, r31, partial]),
-            [math.log(host.lapse / (1 - host.lapse))],
-            np.log([host.group_deviation, host.peak_deviation]),
-        ]
-    )
-
-
-def unpack_population(free: Reals) -> Population:
-    """Return the population of free numbers, shape (12,); see `pack_population`."""
-    r21, r31, partial = jnp.tanh(free[6:9])
+    values = {}
+    for name, value in vars(unbounded).items():
+        if name in FRACTIONS:
+            values[name] = jax.nn.sigmoid(value)
+        elif name.startswith("correlation"):
+            values[name] = jnp.tanh(value)
+        else:
+            values[name] = jnp.exp(value)
+    r21 = values["correlation_critical_angle_frequency_parameter"]
+    r31 = values["correlation_critical_angle_restitution"]
+    partial = values["correlation_frequency_parameter_restitution"]
     r32 = r21 * r31 + partial * jnp.sqrt((1 - r21**2) * (1 - r31**2))
-    return Population(
-        critical_angle=jnp.exp(free[0]),
-        frequency_parameter=jnp.exp(free[1]),
-        restitution=jax.nn.sigmoid(free[2]),
-        deviations=jnp.exp(free[3:6]),
-        correlations=jnp.stack([r21, r31, r32]),
-        lapse=jax.nn.sigmoid(free[9]),
-        group_deviation=jnp.exp(free[10]),
-        peak_deviation=jnp.exp(free[11]),
-    )
-
-
-def drop_groups(population: Population) -> Population:
-    """Return the population without a deviation of groups."""
-    return eqx.tree_at(lambda p: p.group_deviation, population, replace_fn=jnp.zeros_like)
+    values["correlation_frequency_parameter_restitution"] = r32
+    return Population(**values)

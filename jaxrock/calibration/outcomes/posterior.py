@@ -1,35 +1,55 @@
-"""The posterior of a population by importance sampling, for intervals of its numbers.
+"""The posterior of a population: its mode, and samples by importance.
 
 The curvature at the mode is that of a likelihood made from a finite sample of blocks, which is
-rough at small scales: intervals by it alone are too narrow. Here populations are drawn around
-the mode and weighed by their posterior density, then around what these say, and so on: adaptive
-importance sampling with a mixture of all proposals (Cornuet, Marin, Mira and Robert 2012,
-10.1111/j.1467-9469.2011.00756.x).
+rough at small scales. It is taken from differences of the gradient, and gives the distribution
+(Laplace's approximation) from which populations are drawn. Each counts by its posterior density
+(importance sampling; Owen 2013, "Monte Carlo theory, methods and examples", section 9.2).
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from scipy.special import logsumexp
 
+from ...host import Status
 from ...sensitivity import draw_normal_numbers
-from ...validation import Reals
-from .likelihood import Points, TestData
+from ...validation import Reals, as_array
+from .likelihood import Points, TestData, compute_log_likelihood
+from .population import NAMES, Population, make_population
 from .prior import Prior
-from .search import Searched, compute_loss
 
-_ROUNDS = 4
-_PER_ROUND = 256  # a power of 2
-# Degrees of freedom of the proposals, whose tails have to be wider than those of the posterior,
-# and the factor on standard deviations of the first one.
-_FREEDOM = 5.0
-_WIDER = 1.6
-# A proposal is made from weights whose largest is cut to this.
-_LARGEST_WEIGHT = 0.05
+# Length of the gradient, in standard deviations of the prior, at which a search has arrived, and
+# that at which its end is a mode: a posterior deviation of 1 is then wrong by this.
+_ARRIVED = 1e-3
+_CONVERGED = 1e-2
+_STEP = 0.1  # of the differences, in standard deviations of the prior
+# Blocks are drawn from a distribution so much wider than a population and the uncertainty of its
+# medians.
+_WIDER_BLOCKS = 2.0
+_DRAWS = 2048  # a power of 2
 _AT_ONCE = 8  # populations whose weights of blocks are in memory together
+# The tails of the distribution of draws have to be wider than those of the posterior: degrees of
+# freedom of Student's distribution, and a factor on Laplace's standard deviations.
+_FREEDOM = 5.0
+_WIDER = 1.2
+
+
+class Evidence(NamedTuple):
+    """All that decides on a population: prior, sample of blocks, and tests."""
+
+    prior: Prior
+    points: Points
+    data: TestData
+
+
+class Mode(NamedTuple):
+    """Where the posterior is greatest, in standard deviations of the prior, shape (11,)."""
+
+    standard: np.ndarray
+    status: Status
 
 
 class Posterior(NamedTuple):
@@ -37,116 +57,143 @@ class Posterior(NamedTuple):
 
     Attributes
     ----------
-    free : ndarray, shape (draws, 12)
-        Free numbers; see `pack_population`.
+    standard : ndarray, shape (draws, 11)
+        Unbounded parameters, in standard deviations of the prior from its mean.
     weights : ndarray, shape (draws,)
         With a sum of 1.
     """
 
-    free: np.ndarray
+    standard: np.ndarray
     weights: np.ndarray
 
     @property
-    def covariance(self) -> np.ndarray:
-        """Covariance of the free numbers, shape (12, 12)."""
-        return _compute_moments(self.free, self.weights)[1]
+    def variances(self) -> np.ndarray:
+        """Variances of the unbounded parameters, over those of the prior, shape (11,)."""
+        centred = self.standard - self.weights @ self.standard
+        return self.weights @ centred**2
 
-    @property
-    def effective_draws(self) -> float:
-        """Number of draws of equal weight that say as much."""
-        return float(1 / np.sum(self.weights**2))
+
+@jax.jit
+def scale_to_prior(standard: Reals, prior: Prior) -> Population:
+    """Make the population whose parameters are so many standard deviations from the prior's."""
+    _, unravel = ravel_pytree(prior.mean)
+    unbounded = jax.tree.map(
+        lambda mean, width, value: mean + width * value, *prior, unravel(standard)
+    )
+    return make_population(unbounded)
+
+
+def compute_loss(standard: Reals, evidence: Evidence, counts: Reals) -> Reals:
+    """Compute minus the logarithm of the posterior density, up to a constant."""
+    prior, points, data = evidence
+    fit = compute_log_likelihood(scale_to_prior(standard, prior), points, data, counts)
+    return 0.5 * jnp.sum(standard**2) - fit
+
+
+_compute_loss_and_gradient = jax.jit(jax.value_and_grad(compute_loss))
+
+
+@jax.jit
+def _compute_losses(standard: Reals, evidence: Evidence, counts: Reals) -> Reals:
+    """Compute the losses of many populations, shape (draws,)."""
+    return jax.lax.map(
+        lambda row: compute_loss(row, evidence, counts), standard, batch_size=_AT_ONCE
+    )
+
+
+def differentiate(
+    standard: np.ndarray, evidence: Evidence, counts: np.ndarray
+) -> tuple[float, np.ndarray]:
+    """Compute the loss and its gradient on the host."""
+    loss, gradient = _compute_loss_and_gradient(as_array(standard), evidence, as_array(counts))
+    return float(loss), np.asarray(gradient, float)
+
+
+def search_mode(evidence: Evidence, counts: np.ndarray, start: np.ndarray) -> Mode:
+    """Search the mode of the posterior by a quasi-Newton method, for the tests that count."""
+    from scipy.optimize import minimize
+
+    result = minimize(
+        differentiate, start, (evidence, counts), "BFGS", jac=True, options={"gtol": _ARRIVED}
+    )
+    converged = np.linalg.norm(result.jac) <= _CONVERGED
+    return Mode(result.x, Status.COMPLETE if converged else Status.NOT_CONVERGED)
+
+
+def compute_covariance(mode: Mode, evidence: Evidence, counts: np.ndarray) -> np.ndarray:
+    """Compute the covariance by the curvature at the mode, shape (11, 11)."""
+
+    def compute_gradient(step: np.ndarray) -> np.ndarray:
+        return differentiate(mode.standard + step, evidence, counts)[1]
+
+    steps = _STEP * np.eye(mode.standard.size)
+    curvature = [(compute_gradient(h) - compute_gradient(-h)) / (2 * _STEP) for h in steps]
+    values, vectors = np.linalg.eigh(0.5 * (np.array(curvature) + np.transpose(curvature)))
+    # The prior alone has a curvature of 1: less is where the likelihood has no peak, of which
+    # the prior then says all.
+    return (vectors / np.maximum(values, 1.0)) @ vectors.T
+
+
+def propose_blocks(
+    mode: Mode, covariance: np.ndarray, prior: Prior
+) -> tuple[np.ndarray, np.ndarray]:
+    """Propose a normal distribution of the blocks that a population and its neighbours need.
+
+    Parameters
+    ----------
+    mode : Mode
+    covariance : ndarray, shape (11, 11)
+        Of the posterior, in standard deviations of the prior.
+    prior : Prior
+
+    Returns
+    -------
+    mean, factor : ndarray, shape (3,), (3, 3)
+        Of ln(alpha_c), ln(p) and logit(C): mean, and Cholesky factor of the covariance.
+    """
+    mean, within = _compute_moments(as_array(mode.standard), prior)
+    fields = list(vars(prior.width))
+    medians = [fields.index(name) for name in NAMES]
+    width = np.array([float(getattr(prior.width, name)) for name in NAMES])
+    of_medians = covariance[np.ix_(medians, medians)] * width * width[:, None]
+    factor = np.linalg.cholesky(np.asarray(within, float) + of_medians)
+    return np.asarray(mean, float), _WIDER_BLOCKS * factor
+
+
+@jax.jit
+def _compute_moments(standard: Reals, prior: Prior) -> tuple[Reals, Reals]:
+    """Compute mean and covariance of the coordinates of a population, in all groups."""
+    population = scale_to_prior(standard, prior)
+    covariance = population.factor @ population.factor.T
+    return population.mean, covariance.at[0, 0].add(population.group_deviation**2)
 
 
 def sample_posterior(
-    searched: Searched,
-    covariance: np.ndarray,
-    prior: Prior,
-    points: Points,
-    data: TestData,
-    counts: np.ndarray,
-    seed: int,
-    *,
-    grouped: bool,
+    mode: Mode, covariance: np.ndarray, evidence: Evidence, counts: np.ndarray, seed: int
 ) -> Posterior:
     """Draw populations around the mode, and weigh them by the posterior.
 
     Parameters
     ----------
-    searched, covariance : Searched, ndarray
-        The mode, and the covariance by the curvature there.
-    prior, points, data, counts, grouped
-        As in `search_population`.
+    mode, covariance, evidence, counts
+        As in `compute_covariance`.
     seed : int
         Of the Sobol points.
     """
-    dtype = points.coordinates.dtype
-    arrays = Prior(*(jnp.asarray(numbers, dtype) for numbers in prior))
-    weight = jnp.asarray(counts, dtype)
-    mean = np.asarray(searched.free, float)
-    factor = _WIDER * np.linalg.cholesky(covariance)
-    proposals: list[tuple[np.ndarray, np.ndarray]] = []
-    free = np.empty((0, mean.size))
-    log_posterior = np.empty(0)
-    weights = np.empty(0)
-    for turn in range(_ROUNDS):
-        proposals.append((mean, factor))
-        drawn = _draw_students(mean, factor, seed + turn)
-        losses = _compute_losses(
-            jnp.asarray(drawn, dtype), arrays, points, data, weight, grouped
-        )
-        free = np.concatenate([free, drawn])
-        log_posterior = np.append(log_posterior, -np.asarray(losses, float))
-        # NaN, where a population leaves all blocks behind: nothing is known of it.
-        log_posterior[np.isnan(log_posterior)] = -np.inf
-        log_weights = log_posterior - _compute_log_mixture(free, proposals)
-        weights = np.exp(log_weights - logsumexp(log_weights))
-        cut = np.minimum(weights, _LARGEST_WEIGHT)
-        mean, spread = _compute_moments(free, cut / cut.sum())
-        # Some of the first, so that few draws of large weight do not make it singular.
-        factor = np.linalg.cholesky(spread + 0.05 * covariance)
-    return Posterior(free, weights)
-
-
-def _draw_students(mean: np.ndarray, factor: np.ndarray, seed: int) -> np.ndarray:
-    """Draw from a multivariate distribution of Student, shape (draws, numbers)."""
     from scipy.special import chdtri, ndtr
 
-    normal = draw_normal_numbers(mean.size + 1, _PER_ROUND, seed)
-    # The last dimension gives the sum of squares in the denominator.
-    squares = chdtri(_FREEDOM, ndtr(normal[:, -1:]))
-    return mean + (normal[:, :-1] / np.sqrt(squares / _FREEDOM)) @ factor.T
-
-
-def _compute_log_mixture(
-    free: np.ndarray, proposals: list[tuple[np.ndarray, np.ndarray]]
-) -> np.ndarray:
-    """Compute the logarithm of the mean density of proposals, up to a constant, (draws,)."""
-    terms = []
-    for mean, factor in proposals:
-        standard = np.linalg.solve(factor, (free - mean).T)
-        squares = np.sum(standard**2, axis=0)
-        power = 0.5 * (_FREEDOM + mean.size)
-        log_volume = np.log(np.diagonal(factor)).sum()
-        terms.append(-power * np.log1p(squares / _FREEDOM) - log_volume)
-    return np.asarray(logsumexp(terms, axis=0))
-
-
-def _compute_moments(free: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the mean and the covariance of draws with weights."""
-    mean = weights @ free
-    centred = free - mean
-    return mean, (weights[:, None] * centred).T @ centred
-
-
-@functools.partial(jax.jit, static_argnames="grouped")
-def _compute_losses(
-    free: Reals, prior: Prior, points: Points, data: TestData, counts: Reals, grouped: bool
-) -> Reals:
-    """Compute minus the logarithms of the posterior of many populations."""
-
-    def compute(numbers: Reals) -> Reals:
-        """Compute that of one."""
-        standard = (numbers - prior.mean) / prior.width
-        return compute_loss(standard, prior, points, data, counts, grouped)
-
-    return jax.lax.map(compute, free, batch_size=_AT_ONCE)
+    normal = draw_normal_numbers(mode.standard.size + 1, _DRAWS, seed)
+    # The last dimension gives the sum of squares in the denominator of Student's variable.
+    scale = np.sqrt(_FREEDOM / chdtri(_FREEDOM, ndtr(normal[:, -1:])))
+    student = normal[:, :-1] * scale
+    standard = mode.standard + _WIDER * student @ np.linalg.cholesky(covariance).T
+    losses = _compute_losses(as_array(standard), evidence, as_array(counts))
+    power = 0.5 * (_FREEDOM + mode.standard.size)
+    log_density = -power * np.log1p(np.sum(student**2, axis=1) / _FREEDOM)
+    # NaN, where a population leaves all blocks behind: nothing is known of it.
+    log_weights = np.nan_to_num(-np.asarray(losses, float) - log_density, nan=-np.inf)
+    weights = np.exp(log_weights - logsumexp(log_weights))
+    # A draw of large weight would stand alone (truncated importance sampling, Ionides 2008,
+    # 10.1198/106186008X320456).
+    truncated = np.minimum(weights, _DRAWS**-0.5)
+    return Posterior(standard, truncated / truncated.sum())

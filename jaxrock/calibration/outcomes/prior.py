@@ -5,59 +5,60 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import logit
 
 from ...block import Block
-from ...sensitivity import find_widths, refuse_name
 from ...validation import (
     NON_NEGATIVE,
     POSITIVE,
     RIGHT_ANGLE,
-    UNIT_INTERVAL,
-    AnyArray,
+    Domain,
+    as_array,
+    as_name,
     as_real,
     check,
     describe,
 )
 from ..free_rocking_answer import FreeRockingFit
-from .population import NAMES
+from .population import FRACTIONS, NAMES, Population
 
 PriorLike = Block | FreeRockingFit | Mapping[str, tuple[float, float]]
 
-_DOMAINS = {
-    "critical_angle": RIGHT_ANGLE,
-    "frequency_parameter": POSITIVE,
-    "restitution": UNIT_INTERVAL,
+# Median, and standard deviation of the unbounded parameter. The medians are of objects of
+# laboratories, museums and the field, as long as nothing else is known. Within two standard
+# deviations: alpha_c of 0.05 to 0.8 rad, p of 1.2 to 13 1/s (half-diagonals of 0.04 to 5 m), C
+# of 0.45 to 0.95. The deviations are of tests of one object, whose contact with the ground
+# differs from test to test.
+_USUAL = {
+    "critical_angle": (0.2, 0.7),
+    "frequency_parameter": (4.0, 0.6),
+    "restitution": (0.8, 0.8),
+    "critical_angle_deviation": (0.2, 0.5),
+    "frequency_parameter_deviation": (0.1, 0.5),
+    "restitution_deviation": (0.3, 0.5),
+    "correlation_critical_angle_frequency_parameter": (0.0, 0.4),
+    "correlation_critical_angle_restitution": (0.0, 0.4),
+    "correlation_frequency_parameter_restitution": (0.0, 0.4),
+    "lapse": (0.03, 1.0),
+    "group_deviation": (0.15, 0.7),
 }
-# Objects of laboratories, museums and the field, as long as nothing else is known. Within two
-# standard deviations: alpha_c of 0.05 to 0.8 rad, p of 1.2 to 13 1/s (half-diagonals of 0.04 to
-# 5 m), C of 0.45 to 0.95.
-_MEDIANS = (0.2, 4.0, 0.8)
-_WIDTHS = (0.7, 0.6, 0.8)
-# Tests of one object, whose contact with the ground differs from test to test.
-_DEVIATIONS = (0.2, 0.1, 0.3)
-_WIDTH_OF_DEVIATIONS = 0.5
-_WIDTH_OF_CORRELATIONS = 0.4
-_LAPSE = (0.03, 1.0)  # median, and standard deviation of the logit
-_GROUP_DEVIATION = (0.15, 0.7)  # median, and standard deviation of the logarithm
-_PEAK_DEVIATION = (0.3, 0.7)
 # Coefficient of variation of alpha_c and p by the size of a block, whose edges are rounded and
 # whose base is uneven.
 _BY_SIZE = 0.05
-# Standard deviation of a coordinate that is known exactly: a normal density needs some.
+# Standard deviation of a parameter that is known exactly: a normal density needs some.
 _LEAST_WIDTH = 1e-3
+_DOMAINS = {
+    "critical_angle": RIGHT_ANGLE,
+    "frequency_parameter": POSITIVE,
+    "restitution": Domain("greater than 0 and less than 1", lambda x: (x > 0) & (x < 1), 0.5),
+}
 
 
 class Prior(NamedTuple):
-    """Independent normal distributions of the free numbers of a population.
+    """Means and standard deviations of the unbounded parameters, which are independent."""
 
-    Attributes
-    ----------
-    mean, width : ndarray or Array, shape (12,)
-        In the order of `pack_population`.
-    """
-
-    mean: AnyArray
-    width: AnyArray
+    mean: Population
+    width: Population
 
 
 def make_prior(prior: PriorLike | None) -> Prior:
@@ -68,41 +69,26 @@ def make_prior(prior: PriorLike | None) -> Prior:
     ValueError
         If a name, a median or a coefficient of variation is not allowed.
     """
-    mean = [math.log(_MEDIANS[0]), math.log(_MEDIANS[1]), _compute_logit(_MEDIANS[2])]
-    width = list(_WIDTHS)
+    table = dict(_USUAL)
     for name, (median, variation) in _list_known(prior).items():
-        place = NAMES.index(name)
-        known_width, _ = find_widths([name], np.array([median]), np.array([variation]))
-        is_bounded = name == "restitution"
-        mean[place] = _compute_logit(median) if is_bounded else math.log(median)
-        width[place] = max(float(known_width[0]), _LEAST_WIDTH)
-    return Prior(
-        mean=np.array(
-            [
-                *mean,
-                *(math.log(deviation) for deviation in _DEVIATIONS),
-                *(0.0, 0.0, 0.0),
-                _compute_logit(_LAPSE[0]),
-                math.log(_GROUP_DEVIATION[0]),
-                math.log(_PEAK_DEVIATION[0]),
-            ]
-        ),
-        width=np.array(
-            [
-                *width,
-                *[_WIDTH_OF_DEVIATIONS] * 3,
-                *[_WIDTH_OF_CORRELATIONS] * 3,
-                _LAPSE[1],
-                _GROUP_DEVIATION[1],
-                _PEAK_DEVIATION[1],
-            ]
-        ),
+        width = math.sqrt(math.log1p(variation**2))
+        if name == "restitution":
+            width = variation / (1 - median)  # of the logit, to first order
+        table[name] = median, max(width, _LEAST_WIDTH)
+    means = {name: _transform(name, median) for name, (median, _) in table.items()}
+    widths = {name: width for name, (_, width) in table.items()}
+    mean, width = (
+        Population(**{name: as_array(np.asarray(value)) for name, value in values.items()})
+        for values in (means, widths)
     )
+    return Prior(mean, width)
 
 
-def _compute_logit(fraction: float) -> float:
-    """Compute the logarithm of the odds."""
-    return math.log(fraction / (1 - fraction))
+def _transform(name: str, value: float) -> float:
+    """Transform a parameter to the unbounded one of `make_population`."""
+    if name in FRACTIONS:
+        return float(logit(value))
+    return math.atanh(value) if name.startswith("correlation") else math.log(value)
 
 
 def _list_known(prior: PriorLike | None) -> dict[str, tuple[float, float]]:
@@ -110,49 +96,29 @@ def _list_known(prior: PriorLike | None) -> dict[str, tuple[float, float]]:
     if prior is None:
         return {}
     if isinstance(prior, Block):
-        return {
-            "critical_angle": (_to_number("prior", prior.critical_angle), _BY_SIZE),
-            "frequency_parameter": (_to_number("prior", prior.frequency_parameter), _BY_SIZE),
-        }
+        if np.ndim(prior.critical_angle):
+            shape = np.shape(prior.critical_angle)
+            raise ValueError(f"prior must be a single block, got shape {shape}")
+        return {name: (float(getattr(prior, name)), _BY_SIZE) for name in NAMES[:2]}
     if isinstance(prior, FreeRockingFit):
-        fitted = {name: float(getattr(prior, name)) for name in NAMES}
-        return {
-            name: (value, float(prior.standard_errors[name]) / value)
-            for name, value in fitted.items()
-            if math.isfinite(value) and math.isfinite(float(prior.standard_errors[name]))
-        }
+        values = {name: float(getattr(prior, name)) for name in NAMES}
+        errors = {name: float(prior.standard_errors[name]) / values[name] for name in NAMES}
+        return {name: (values[name], e) for name, e in errors.items() if math.isfinite(e)}
     if not isinstance(prior, Mapping):
         raise ValueError(
             "prior must be a Block, a FreeRockingFit, or a mapping of names to medians and"
             f" coefficients of variation, got {describe(prior)}"
         )
-    return dict(_check_known(name, pair) for name, pair in prior.items())
-
-
-def _check_known(name: object, pair: object) -> tuple[str, tuple[float, float]]:
-    """Check one entry of a prior."""
-    if not isinstance(name, str) or name not in NAMES:
-        refuse_name(name, NAMES, "prior")
-    values = np.asarray(as_real(f"prior of {name}", pair), float)
-    if values.shape != (2,):
-        raise ValueError(
-            f"prior of {name} must be a median and a coefficient of variation, got"
-            f" {describe(pair)}"
-        )
-    median, variation = values.tolist()
-    check(f"median of {name} in prior", np.asarray(median), _DOMAINS[name])
-    check(f"coefficient of variation of {name} in prior", np.asarray(variation), NON_NEGATIVE)
-    if name == "restitution" and not 0 < median < 1:
-        raise ValueError(
-            "median of restitution in prior must be greater than 0 and less than 1, got"
-            f" {median:g}"
-        )
-    return name, (median, variation)
-
-
-def _to_number(name: str, value: object) -> float:
-    """Convert a concrete single number; `ValueError` for arrays."""
-    array = np.asarray(value)
-    if array.ndim:
-        raise ValueError(f"{name} must be a single block, got shape {array.shape}")
-    return float(array)
+    known = {}
+    for name, pair in prior.items():
+        as_name("name in prior", name, NAMES)
+        values = np.asarray(as_real(f"prior of {name}", pair), float)
+        if values.shape != (2,):
+            raise ValueError(
+                f"prior of {name} must be a median and a coefficient of variation, got"
+                f" {describe(pair)}"
+            )
+        check(f"median of {name} in prior", values[0], _DOMAINS[name])
+        check(f"coefficient of variation of {name} in prior", values[1], NON_NEGATIVE)
+        known[name] = float(values[0]), float(values[1])
+    return known
