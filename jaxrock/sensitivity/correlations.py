@@ -1,11 +1,10 @@
 """Correlations of uncertain parameters: what is allowed, and the factor that makes them."""
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
-from ..validation import Number, as_real, as_text, carries_unit, check_kind, describe
+from ..validation import Number, as_real, check_kind, describe
 from .parameters import refuse_name
 
 # Two names, in the order in which the coefficients of variation have them.
@@ -32,14 +31,25 @@ def check_correlations(
     check_kind("correlations", correlations, Mapping)
     coefficients = dict[Pair, float]()
     for key, value in correlations.items():
-        pair = _check_pair(key, names)
-        coefficient = _check_coefficient(pair, value)
-        if pair in coefficients:
+        if not isinstance(key, tuple) or len(set(key)) != 2:
             raise ValueError(
-                f"correlations must have each pair once, got {pair[0]} and {pair[1]} in both"
-                " orders"
+                f"correlations must have pairs of different names as keys, got {describe(key)}"
             )
-        coefficients[pair] = coefficient
+        for name in key:
+            if name not in names:
+                refuse_name(name, names, "correlations")
+        first, second = sorted(map(str, key), key=names.index)
+        subject = f"correlations of {first} and {second}"
+        coefficient = as_real(subject, value)
+        if coefficient.ndim or not -1 <= coefficient <= 1:
+            raise ValueError(
+                f"{subject} must be a number between -1 and 1, got {describe(value)}"
+            )
+        if (first, second) in coefficients:
+            raise ValueError(
+                f"correlations must have each pair once, got {first} and {second}"
+            )
+        coefficients[first, second] = float(value)
     listed = sorted(
         ((pair, value) for pair, value in coefficients.items() if value),
         key=lambda entry: [names.index(name) for name in entry[0]],
@@ -93,28 +103,3 @@ def _make_matrix(
         matrix[row, column] = coefficient
         matrix[column, row] = coefficient
     return matrix
-
-
-def _check_pair(key: Any, names: Sequence[str]) -> Pair:
-    """Return a pair in the order of the names; `ValueError` if it is none."""
-    pair = tuple(map(as_text, key)) if isinstance(key, tuple) else ()
-    if len(pair) != 2:
-        raise ValueError(f"correlations must have pairs of names as keys, got {describe(key)}")
-    for name in pair:
-        if name not in names:
-            refuse_name(name, names, "correlations")
-    if pair[0] == pair[1]:
-        raise ValueError(f"correlations must be of two different names, got {pair[0]} twice")
-    first, second = sorted(pair, key=names.index)
-    return first, second
-
-
-def _check_coefficient(pair: Pair, value: Any) -> float:
-    """Return a correlation as a plain number; `ValueError` if it is not allowed."""
-    subject = f"correlations of {pair[0]} and {pair[1]}"
-    if carries_unit(value) or np.shape(as_real(subject, value)):
-        raise ValueError(f"{subject} must be one number without a unit, got {describe(value)}")
-    coefficient = float(value)
-    if not -1 <= coefficient <= 1:
-        raise ValueError(f"{subject} must be between -1 and 1, got {coefficient:g}")
-    return coefficient
