@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Collection, Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.special import betaincinv, betaln, digamma, ndtr, ndtri
@@ -11,14 +11,6 @@ from ..validation import Number
 
 _BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # how the names of such parameters end
 _BITS = 30  # of a Sobol point, the default of SciPy
-
-
-class Expansion(NamedTuple):
-    """A parameter at the median of its normal number, and its derivatives with respect to it."""
-
-    value: float
-    first: float
-    second: float
 
 
 def is_between_0_and_1(name: str) -> bool:
@@ -100,21 +92,21 @@ def map_normal_numbers(
     return np.stack(columns, axis=1) if columns else normal
 
 
-def expand_quantile(name: str, value: float, variation: float) -> Expansion:
-    """Expand a parameter in its standard normal number, about 0, to second order."""
+def expand_quantile(name: str, value: float, variation: float) -> tuple[float, ...]:
+    """Return a parameter where its standard normal number is 0, and two derivatives there."""
     if not variation * value:
-        return Expansion(value, 0.0, 0.0)
+        return (value, 0.0, 0.0)
     if not is_between_0_and_1(name):
         if value < 0:
-            return Expansion(value, -variation * value, 0.0)
+            return (value, -variation * value, 0.0)
         width = np.log1p(variation**2) ** 0.5
-        return Expansion(value, value * width, value * width**2)
+        return (value, value * width, value * width**2)
     a, b = find_shape(name, value, variation)
     median = betaincinv(a, b, 0.5)
     # Equal probabilities: the slope is the normal density over the one of the parameter.
     log_density = (a - 1) * np.log(median) + (b - 1) * np.log1p(-median) - betaln(a, b)
     slope = (2 * np.pi) ** -0.5 * np.exp(-log_density)
-    return Expansion(median, slope, slope**2 * ((b - 1) / (1 - median) - (a - 1) / median))
+    return (median, slope, slope**2 * ((b - 1) / (1 - median) - (a - 1) / median))
 
 
 def compute_scores(

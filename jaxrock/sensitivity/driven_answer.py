@@ -1,7 +1,7 @@
 """An answer of a block on moving ground as a function of named parameters, and its tornado."""
 
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,7 +22,6 @@ ANSWERS = {
     "peak_rotation": "peak rotation",
     "margin": "overturning margin",
 }
-DrivenAnswerName = Literal["rotation_ratio", "peak_rotation", "margin"]
 # The highest rotation may come after the end of the ground motion [s].
 BEYOND = 10.0
 
@@ -81,10 +80,7 @@ class DrivenAnswer(eqx.Module):
 
     def __call__(self, at: Mapping[str, Any]) -> Reals:
         """Compute the answer for one block, which may be traced."""
-        motion = self._change_motion(at)
-        duration = self._choose_duration(motion)
-        response = respond(at["block"], at["restitution"], motion, duration, model=self.model)
-        return self._choose_answer(at["block"], response)
+        return self._choose_answer(at["block"], self._simulate(respond, at))
 
     def evaluate(self, at: Mapping[str, Any]) -> np.ndarray:
         """Compute the answers for many blocks in a batch.
@@ -95,20 +91,17 @@ class DrivenAnswer(eqx.Module):
             If an integration did not finish.
         """
         blocks = jax.device_put(at["block"])
-        motion = self._change_motion(at)
-        duration = self._choose_duration(motion)
-        response = respond_batch(blocks, at["restitution"], motion, duration, model=self.model)
+        response = self._simulate(respond_batch, {**at, "block": blocks})
         require_complete(response.complete, sample=None)
         return np.asarray(self._choose_answer(blocks, response))
 
-    def _change_motion(self, at: Mapping[str, Any]) -> Motion:
-        """Change the motion; the scale last, since an amplitude replaces that of the motion."""
-        return change_motion(self.motion, at).scaled(at["scale"])
-
-    def _choose_duration(self, motion: Motion) -> Reals:
-        """Choose the time up to which responses are computed [s]."""
+    def _simulate(self, simulate: Callable[..., Any], at: Mapping[str, Any]) -> Any:
+        """Simulate one response or many."""
+        # The scale last, since an amplitude replaces the one of the motion.
+        motion = change_motion(self.motion, at).scaled(at["scale"])
         # The margin is known at the end of the motion, by energy.
-        return motion.end + (0.0 if self.answer == "margin" else BEYOND)
+        duration = motion.end + (0.0 if self.answer == "margin" else BEYOND)
+        return simulate(at["block"], at["restitution"], motion, duration, model=self.model)
 
     def _choose_answer(self, block: Block, response: Any) -> Reals:
         """Choose the answer among the results of responses."""
@@ -125,7 +118,7 @@ def driven_tornado(
     motion: Motion,
     ranges: Ranges,
     *,
-    answer: DrivenAnswerName = "rotation_ratio",
+    answer: str = "rotation_ratio",
     scale: Number = 1.0,
     model: ModelLike = Nonlinear(),
 ) -> TornadoBars:

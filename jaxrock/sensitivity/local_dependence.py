@@ -18,7 +18,6 @@ from .distributions import draw_normal_numbers, map_normal_numbers
 from .driven_answer import (
     ANSWERS,
     DrivenAnswer,
-    DrivenAnswerName,
     gather_parameters,
 )
 from .parameters import describe_parameter, evaluate_answer, name_parameters
@@ -88,9 +87,9 @@ class LocalDependence(Printed):
         -------
         dict of list
         """
-        columns = {"value": self.at, "derivative": self.derivatives}
-        columns["elasticity"] = self.elasticities
-        return {"quantity": list(self.names), **{n: v.tolist() for n, v in columns.items()}}
+        columns = [self.names, self.at, self.derivatives, self.elasticities]
+        heads = ("quantity", "value", "derivative", "elasticity")
+        return {head: [*column] for head, column in zip(heads, columns, strict=True)}
 
     def __str__(self) -> str:
         moments = f"{self.mean:.6g} +- {self.standard_deviation:.3g}"
@@ -110,7 +109,7 @@ def local_dependence(
     motion: Motion,
     uncertain: Uncertain,
     *,
-    answer: DrivenAnswerName = "rotation_ratio",
+    answer: str = "rotation_ratio",
     scale: float = 1.0,
     model: ModelLike = Nonlinear(),
 ) -> LocalDependence:

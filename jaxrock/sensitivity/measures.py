@@ -41,11 +41,13 @@ class Sensitivities(Printed):
         -------
         dict of list
         """
-        columns = {"value": self.at, "derivative": self.gradient}
-        columns["elasticity"] = self.elasticity
-        units = [UNITS.get(name, "-") for name in self.names]
-        values = {name: column.tolist() for name, column in columns.items()}
-        return {"quantity": list(self.names), "unit": units, **values}
+        return {
+            "quantity": list(self.names),
+            "unit": [UNITS.get(name, "-") for name in self.names],
+            "value": self.at.tolist(),
+            "derivative": self.gradient.tolist(),
+            "elasticity": self.elasticity.tolist(),
+        }
 
     def __str__(self) -> str:
         columns = {"at": self.at, "derivative": self.gradient, "elasticity": self.elasticity}

@@ -91,8 +91,7 @@ def name_parameters(
     values, form = jax.tree.flatten(described)
     for name in names or ():
         if name not in known:
-            has_block = form != jax.tree.structure(at)
-            sizes = [size for pair in SIZE_NAMES.values() for size in pair if has_block]
+            sizes = [size for pair in SIZE_NAMES.values() for size in pair]
             refuse_name(name, (*plain, *sizes), argument)
     return Parameters(known, values, jax.tree.structure(at), form)
 
@@ -151,15 +150,12 @@ def name_single_parameters(
 ) -> Parameters:
     """Name the parameters of an answer, all of which are single numbers."""
     check_kind("answer", answer, Callable)
-    leaves = jax.tree.leaves_with_path(at)
     check_concrete(at, "jax.value_and_grad works under jit")
-    for path, leaf in leaves:
+    for path, leaf in jax.tree.leaves_with_path(at):
         if jnp.ndim(as_real(keystr(path, simple=True, separator="."), leaf)):
             raise ValueError(
                 f"at must consist of single numbers, got an array in {keystr(path)}"
             )
-    if not leaves:
-        raise ValueError("at must contain at least one number")
     return name_parameters(at, names, argument, **by)
 
 
