@@ -69,16 +69,16 @@ CODE_LINES = {
     "driven": 3342,
     "steady": 1001,
     "overturning": 670,
-    "sensitivity": 1752,
+    "sensitivity": 1187,
     "calibration": 1654,
     "calibration/outcomes": 1655,
     "accuracy": 644,
     "grids": 754,
     "spectra": 842,
     "risk": 2154,
-    "plot": 1078,
+    "plot": 1077,
     "reports": 330,
-    "cli": 1045,
+    "cli": 1042,
 }
 
 

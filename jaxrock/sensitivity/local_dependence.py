@@ -180,7 +180,7 @@ def local_dependence(
     check_kind("motion", motion, Pulse, Harmonic, Record)
     scene = gather_parameters(block, restitution, motion, scale)
     variations = list_single_coefficients(uncertain)
-    if not any(variations):
+    if not variations.any():
         raise ValueError("uncertain must have a coefficient greater than 0, got none")
     function = DrivenAnswer(motion, answer, as_model(model))
     names = uncertain.names
@@ -197,7 +197,7 @@ def local_dependence(
     value = float(answers[-1])
     answers = answers[:-1]
     steps = (samples - at).T
-    uncertainty = max(variations)
+    uncertainty = float(variations.max())
     low, high, overturned, reason = _find_interval(scene, motion, uncertainty, function.model)
     is_near = scale - low < uncertainty * scale or high - scale < uncertainty * scale
     if is_near:

@@ -260,7 +260,7 @@ def outcome_probabilities(
     check("ratio", as_real("ratio", ratio), POSITIVE)
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must be between 0 and 1, got {confidence!r:.60}")
-    variations = np.array(list_single_coefficients(uncertain))
+    variations = list_single_coefficients(uncertain)
     check(ARGUMENT, variations, POSITIVE)
     names = uncertain.names
     if not names or uncertain.correlated_pairs:

@@ -136,6 +136,7 @@ def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
         If the names belong to several descriptions.
     """
     names = list(names)
+    named: dict[SizeDescription, str]
     named = {by: name for by, sizes in SIZE_NAMES.items() for name in names if name in sizes}
     if len(named) > 1:
         pairs = ", or ".join(" and ".join(sizes) for sizes in SIZE_NAMES.values())
@@ -190,7 +191,7 @@ def _evaluate(
     answer: Answer,
     parameters: Parameters,
     names: tuple[str, ...],
-    points: AnyArray,
+    points: Any,
     order: int,
 ) -> list[Array]:
     """Compute value, gradient and Hessian up to an order in one program."""

@@ -265,7 +265,7 @@ class Uncertain(Printed, eqx.Module):
         return Draws(drawn["block"], drawn["restitution"], normal, floor)
 
 
-def list_single_coefficients(uncertain: Uncertain) -> list[float]:
+def list_single_coefficients(uncertain: Uncertain) -> np.ndarray:
     """List the coefficients of variation; a `ValueError` if one is an array."""
     check_kind("uncertain", uncertain, Uncertain)
     for name, value in uncertain.coefficients_of_variation.items():
@@ -273,7 +273,7 @@ def list_single_coefficients(uncertain: Uncertain) -> list[float]:
             raise ValueError(
                 f"{ARGUMENT} of {name} must be one number here, got {np.size(value)} of them"
             )
-    return list(uncertain.coefficients)
+    return np.array(uncertain.coefficients)
 
 
 def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[float, ...]]:
@@ -326,7 +326,7 @@ def _check_correlations(
             raise ValueError(
                 f"correlations must have each pair once, got {first} and {second}"
             )
-        coefficients[first, second] = float(value)
+        coefficients[first, second] = np.asarray(value, float).item()
     listed = sorted(
         ((pair, value) for pair, value in coefficients.items() if value),
         key=lambda entry: [names.index(name) for name in entry[0]],
