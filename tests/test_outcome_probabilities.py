@@ -288,31 +288,6 @@ def test_shares_in_a_chaotic_window_against_direct_sampling():
     assert 0.4 < share < 0.6
 
 
-SCENES = [
-    # Of the example suite: its place, the factor, width and height, C, scatter of all.
-    (0, 2.0, 0.30, 1.5, 0.85, {"width": 0.05, "restitution": 0.05, "scale": 0.20}),
-    (4, 1.5, 0.20, 1.0, 0.80, {"width": 0.10, "height": 0.10, "restitution": 0.02}),
-    (9, 2.5, 0.40, 2.4, 0.90, {"width": 0.03, "restitution": 0.03, "scale": 0.30}),
-    (16, 3.0, 0.20, 1.0, 0.80, {"width": 0.05, "height": 0.02, "scale": 0.20}),
-]
-
-
-@pytest.mark.thorough
-@pytest.mark.release
-@float64
-def test_five_scenes_against_a_hundred_thousand_samples():
-    suite = jr.example_suite()
-    scenes = [(suite[place].scaled(factor), *rest) for place, factor, *rest in SCENES]
-    # The scene of the chaotic window: the record that comes with jaxrock, twice as strong.
-    chaotic = {"width": 0.02, "restitution": 0.05, "scale": 0.1}
-    scenes.append((jr.example_record().scaled(2.0), 0.2, 0.8, 0.8, chaotic))
-    for seed, (record, width, height, c, variations) in enumerate(scenes):
-        block = jr.Block.from_size(width=width, height=height)
-        shares = check_against_direct_sampling(block, c, record, variations, 100_000, seed)
-        print(f"{record}: {shares[0]:.4f} by 4,096 Sobol points, {shares[1]:.4f} directly")
-        assert 0.02 < shares[1] < 0.98
-
-
 @pytest.mark.thorough
 @float64
 def test_a_suite_is_its_records():
@@ -380,30 +355,6 @@ def test_the_command_gives_probabilities_where_derivatives_say_nothing(capsys, t
     assert [row["outcome"] for row in table] == ["rocks", "exceeds 0.5", "overturns"]
     files = ["probabilities.csv", "probabilities.png", "sensitivity.csv", "tornado.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == files
-
-
-@pytest.mark.thorough
-@float64
-def test_the_command_gives_derivatives_where_they_mean_something(capsys, tmp_path):
-    pulse = ["--pulse", "half-sine", "--amplitude", "3", "--pulse-duration", "0.3"]
-    block = ["--width", "0.4", "--height", "1.6", "--restitution", "0.9"]
-    words = ["driven-sensitivity", *pulse, *block, "--samples", "512", "--out", str(tmp_path)]
-    main([*words, "--json"])
-    found = json.loads(capsys.readouterr().out)
-    rows = {row["quantity"]: row for row in found["rows"]}
-
-    def ratio(width, amplitude):
-        sized = jr.Block.from_size(width=width, height=1.6)
-        motion = jr.HalfSine(amplitude, 0.3)
-        peak = jr.respond_batch(sized, 0.9, motion, motion.end + 10).peak_rotation
-        return float(peak / sized.critical_angle)
-
-    h = 1e-4
-    of_width = (ratio(0.4 + h, 3.0) - ratio(0.4 - h, 3.0)) / (2 * h)
-    of_amplitude = (ratio(0.4, 3.0 + h) - ratio(0.4, 3.0 - h)) / (2 * h)
-    assert rows["width"]["derivative"] == pytest.approx(of_width, rel=1e-4)
-    assert rows["amplitude"]["derivative"] == pytest.approx(of_amplitude, rel=1e-4)
-    assert found["meaningful"] is True
 
 
 def test_pictures_of_shares():

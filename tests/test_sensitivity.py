@@ -83,22 +83,6 @@ def test_a_tornado_says_where_it_overturns():
     assert str(bars).endswith(" overturns")
 
 
-@pytest.mark.thorough
-def test_sensitivities_of_a_driven_answer():
-    def peak(at):
-        pulse = jr.HalfSine(at["amplitude"], 0.3)
-        return jr.respond(jr.Block(0.2, 5.0), at["restitution"], pulse, 3.0).peak_rotation
-
-    found = jr.sensitivities(peak, {"amplitude": 4.0, "restitution": 0.9})
-    h = 1e-4
-    for k, name in enumerate(found.names):
-        at = dict(zip(found.names, found.at, strict=True))
-        difference = peak(at | {name: at[name] + h}) - peak(at | {name: at[name] - h})
-        assert found.gradient[k] == pytest.approx(
-            float(difference) / (2 * h), rel=1e-5, abs=1e-9
-        )
-
-
 def test_tornado():
     ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.8), "gravity": (9.81, 9.81)}
     found = jr.tornado(jr.rotation_ratio, WALL, ranges)
@@ -204,26 +188,6 @@ def test_an_offset_is_an_error_of_the_mean_alone():
     # Two standard errors are part of it.
     assert moments.mean_error == pytest.approx(0.5, abs=1e-9)
     assert moments.standard_deviation_error < 0.05
-
-
-@pytest.mark.thorough
-def test_a_deviation_that_is_missed_by_a_third():
-    """A margin with a long tail, which first and second order both see the least of."""
-    scene = jr.Scene(jr.Block(0.106, 9.33), 0.776, 0.0717)
-    variation = {"slenderness": 0.132, "restitution": 0.089, "intensity": 0.261}
-
-    def margin(scene):
-        return jr.overturning_margin(scene, jr.Nonlinear())
-
-    found = jr.sensitivity.propagate(margin, scene, jr.Uncertain(variation, samples=1024))
-    samples = draw_answers(margin, scene, variation, 2**17)
-    missed = samples.std() / found.standard_deviation - 1
-    assert missed > 0.2
-    assert not found.within_tolerance
-    assert found.standard_deviation_error > 0.7 * missed
-    assert found.left_out == 0
-    still = jr.sensitivity.propagate(margin, scene, jr.Uncertain({"intensity": 0.0}))
-    assert (still.within_tolerance, still.standard_deviation, still.mean_error) == (True, 0, 0)
 
 
 def test_moments_of_correlated_parameters():

@@ -143,7 +143,7 @@ def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
         raise ValueError(
             f"{argument} must describe the size by {pairs}, got {' and '.join(named.values())}"
         )
-    return next(iter(named), "shape")
+    return next(iter(named)) if named else "shape"
 
 
 def name_single_parameters(
