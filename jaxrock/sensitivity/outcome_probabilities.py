@@ -255,7 +255,7 @@ def outcome_probabilities(
     >>> uncertain = jr.Uncertain(coefficients, samples=4096)
     >>> result = jr.sensitivity.outcome_probabilities(block, 0.8, record, uncertain)
     >>> print(result.outcomes[2], f"{result.probability[2]:.2f}")
-    overturns 0.53
+    overturns 0.54
     """
     check("ratio", as_real("ratio", ratio), POSITIVE)
     if not 0 < confidence < 1:

@@ -225,7 +225,7 @@ class Uncertain(Printed, eqx.Module):
         >>> uncertain = jr.Uncertain({"restitution": 0.05}, samples=4)
         >>> draws = uncertain.draw(jr.Block(0.4, 5.0), 0.8)
         >>> print(draws.restitution.round(3))
-        [0.791 0.826 0.806 0.756]
+        [0.793 0.829 0.808 0.759]
         """
         check_kind("block", block, Block)
         floor_names = [name for name in self.names if name in FLOOR_NAMES]
