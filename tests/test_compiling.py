@@ -141,9 +141,6 @@ CALLS = {
         0.5 + 0.1 * k
     ),
     "example_record": lambda k: jr.example_record(("north", "east")[k]),
-    "failure_probability": lambda k: jr.sensitivity.failure_probability(
-        jr.overturning_margin, wall(k), jr.Uncertain(_COEFFICIENTS, samples=128, seed=k)
-    ),
     "required_value": lambda k: jr.required_value(
         block(k),
         0.8,
@@ -170,9 +167,6 @@ CALLS = {
         suite(k), [k == 0, True, False], samples=64
     ).probability(suite(k)),
     "free_motion_margin": lambda k: jr.driven.free_motion_margin(block(k), 0.8, 0.01 * k, 0.1),
-    "derivative_based_measures": lambda k: jr.sensitivity.derivative_based_measures(
-        jr.rotation_ratio, scene(k), _RANGES, samples=64
-    ),
     "half_cycle_velocity": lambda k: jr.half_cycle_velocity(scene(k), 2.0 + k),
     "harmonic_orbit": lambda k: jr.harmonic_orbit(block(k), 0.9, 3.0 + k, 10.0 + k),
     "harmonic_spectrum": lambda k: jr.harmonic_spectrum(
@@ -186,9 +180,6 @@ CALLS = {
         block(k), 0.9, 10.0 + k
     ),
     "model_error": lambda k: jr.model_error(scene(k)),
-    "monte_carlo": lambda k: jr.sensitivity.monte_carlo(
-        jr.rotation_ratio, scene(k), jr.Uncertain(_COEFFICIENTS, seed=k)
-    ),
     "next_velocity": lambda k: jr.next_velocity(scene(k), 0.1 + 0.1 * k),
     "overturning_boundaries": lambda k: jr.overturning_boundaries(
         jr.Block(0.05 + 0.003 * k, 5.0), 0.9, record(seed=k), "factor", np.linspace(0.2, 4, 9)
@@ -285,9 +276,7 @@ ANSWERS = {
     jr.driven.BatchResponse,
     jr.overturning.Boundaries,
     jr.accuracy.Choice,
-    jr.sensitivity.DerivativeBasedMeasures,
     jr.accuracy.ModelError,
-    jr.sensitivity.ReliabilityResult,
     jr.calibration.DrivenFit,
     jr.calibration.FreeRockingFit,
     jr.calibration.OutcomeFit,

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
@@ -77,15 +76,14 @@ def sensitivity(
             return function(changed, c, math.inf, model)
         return function(resonance.Scene(changed, c, parameters["intensity"]), model)
 
-    sides = tuple(at)[:2]
     with output.write("sensitivity", "sensitivity.csv", "tornado.png", dataset=False) as files:
         from ..plot import plot_tornado
 
-        local = replace(dependence.sensitivities(compute, at), sides=sides)
+        local = dependence.sensitivities(compute, at)
         if not math.isfinite(local.value):
             raise ValueError(f"--answer {answer} does not exist here: the block overturns")
         ranges = _make_ranges(at)
-        bars = replace(dependence.tornado(compute, at, ranges), sides=sides)
+        bars = dependence.tornado(compute, at, ranges)
         uncertain = Uncertain(dict.fromkeys(at, coefficient_of_variation), samples=1024)
         moments = dependence.propagate(compute, at, uncertain)
         columns = local.table() | bars.table(local.names)
@@ -183,7 +181,6 @@ def driven_sensitivity(  # noqa: PLR0913
             local = dependence.local_dependence(block, c, motion, uncertain, **asked)
             ranges = _make_ranges(at)
             bars = dependence.driven_tornado(block, c, motion, ranges, **asked)
-            bars = replace(bars, sides=tuple(at)[:2])
             columns |= local.table() | bars.table(local.names)
             texts += ["", f"{answer} {bars}", local]
             data |= {"answer": answer, "value": bars.value}

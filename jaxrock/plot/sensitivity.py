@@ -93,8 +93,7 @@ def _describe_ranges(bars: TornadoBars) -> list[str]:
     """Describe each parameter with its range, and at which ends the block overturns."""
     texts = []
     for k, name in enumerate(bars.names):
-        is_size = name in ("half_width", *bars.sides)
-        label = write_label(name, SIZES_IN_WORDS.get(name, "") if is_size else "")
+        label = write_label(name, SIZES_IN_WORDS.get(name, ""))
         ends = " to ".join(
             f"{end[k]:.4g}" + " (overturns)" * (not np.isfinite(answer[k]))
             for end, answer in ((bars.low, bars.at_low), (bars.high, bars.at_high))

@@ -1,164 +1,138 @@
-"""Distributions of parameters that are uncertain: by median and coefficient of variation."""
+"""Distributions of uncertain parameters, and the numbers from which samples follow."""
 
-import math
-from collections.abc import Callable, Collection, Iterable
+import inspect
+from collections.abc import Iterable
+from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from scipy.special import expit
+from scipy.special import betaincinv, betaln, digamma, ndtr, ndtri
 
-from ..validation import AnyArray
+from ..validation import Number
 
 _BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # how the names of such parameters end
-# A standard normal distribution, for quadrature.
-_NORMAL: np.ndarray = np.linspace(-9, 9, 1801)
-_WEIGHT: np.ndarray = np.exp(-0.5 * _NORMAL**2)
-_WEIGHT /= _WEIGHT.sum()
+_BITS = 30  # of a Sobol point, the default of SciPy
 
 
-def quantiles(z: AnyArray, median: AnyArray, width: AnyArray, bounded: AnyArray) -> AnyArray:
-    """Compute parameters at standard normal numbers, distributed as `find_widths` says.
+def is_between_0_and_1(name: str) -> bool:
+    """Return whether a parameter has a Beta distribution."""
+    return name.endswith(_BETWEEN_0_AND_1)
 
-    In NumPy where all is concrete and of NumPy.
+
+def draw_normal_numbers(dimensions: int, samples: int, seed: int) -> np.ndarray:
+    """Draw standard normal numbers, shape (samples, dimensions), by scrambled Sobol points.
+
+    The number of samples is a power of 2.
     """
-    host = all(isinstance(array, np.ndarray) for array in (z, median, width, bounded))
-    library = np if host else jnp
-    sigmoid = expit if host else jax.nn.sigmoid
-    # Each branch is computed for all parameters, and the derivative of a branch that is not
-    # taken must not be NaN: hence the 1 in place of a median that has no odds.
-    odds = library.where(bounded, median / library.where(bounded, 1 - median, 1), 1.0)
-    logit_normal = sigmoid(library.log(odds) + width * z)
-    lognormal = median * library.exp(width * z)
-    normal = median + width * abs(median) * z
-    return library.where(bounded, logit_normal, library.where(median > 0, lognormal, normal))
+    from scipy.stats import qmc  # which loads slowly
+
+    if not dimensions:
+        return np.empty((samples, 0))
+    # SciPy has renamed the argument in version 1.15, and will warn of the old name. From an integer
+    # the older one would draw other points.
+    name = "rng" if "rng" in inspect.signature(qmc.Sobol).parameters else "seed"
+    options: dict[str, Any] = {name: np.random.default_rng(seed)}
+    engine = qmc.Sobol(dimensions, scramble=True, bits=_BITS, **options)
+    points = engine.random_base2(samples.bit_length() - 1)
+    # A point stands for its cell: at the middle of it no point is 0, whose normal number would
+    # be infinite.
+    return ndtri(points + 0.5 ** (_BITS + 1))
 
 
-def find_widths(
-    names: Collection[str], median: np.ndarray, variation: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find widths of distributions from coefficients of variation, and which are bounded.
-
-    Parameters between 0 and 1 are logit-normal, and thus bounded. Others are lognormal where
-    the median is positive, else normal. The width is the standard deviation of the logit, of
-    the logarithm, or (normal) of the parameter over its median.
-    """
-    bounded = np.asarray([name.endswith(_BETWEEN_0_AND_1) for name in names], bool)
-    for name, value in zip(names, np.atleast_1d(median), strict=True):
-        if name.endswith(_BETWEEN_0_AND_1) and value < 0:
-            raise ValueError(f"{name} must be at least 0 to be uncertain, got {value:g}")
-    # At a median of 0, or without uncertainty, there is no logit with a width.
-    bounded &= (median > 0) & (variation > 0)
-    width = np.where(median > 0, np.log1p(variation**2) ** 0.5, variation)
-    for k, name in enumerate(names):
-        if bounded[k]:
-            width[k] = _find_logit_width(name, float(median[k]), float(variation[k]))
-    return width, bounded
-
-
-def find_coefficients(
-    names: Collection[str], medians: Iterable[float], widths: Iterable[float]
-) -> np.ndarray:
-    """Find the coefficients of variation that `find_widths` turns into given widths.
-
-    Parameters
-    ----------
-    names : collection of str
-    medians, widths : array_like, shape (names,)
-        The width is the standard deviation of the logit of a ``restitution`` or
-        ``damping_ratio``, else that of the logarithm; at a median that is not positive it is
-        the coefficient of variation itself.
-
-    Returns
-    -------
-    ndarray, shape (names,)
+def find_shape(name: str, mean: Number, variation: Number) -> tuple[Any, Any]:
+    """Find both exponents of a Beta distribution from its mean and coefficient of variation.
 
     Raises
     ------
     ValueError
-        If a width is not finite and at least 0; if a logit is so wide that its density has two
-        peaks, or that a smaller width has the same coefficient of variation.
+        If the mean is not between 0 and 1, or the coefficient is so large that the density has
+        two peaks, at 0 and at 1.
     """
-    coefficients = np.zeros(len(names))
-    for k, (name, median, width) in enumerate(zip(names, medians, widths, strict=True)):
-        if not 0 <= width < math.inf:
-            raise ValueError(
-                f"standard deviation of the logarithm or logit of {name} must be finite and at"
-                f" least 0, got {width:g}"
-            )
-        if median <= 0:
-            coefficients[k] = width
-        elif width and name.endswith(_BETWEEN_0_AND_1):
-            coefficients[k] = _find_logit_coefficient(name, float(median), float(width))
-        else:
-            coefficients[k] = math.expm1(width**2) ** 0.5
-    return coefficients
-
-
-def _find_logit_width(name: str, median: float, variation: float) -> float:
-    """Find the logit's standard deviation for a coefficient of variation, by quadrature."""
-    must_be = f"coefficient of variation of {name} must be"
-    if median >= 1:
-        raise ValueError(f"{must_be} 0 at a median of {median:g}, got {variation:g}")
-    widest, largest = _find_widest_logit(median)
-    if variation > largest:
+    mean = np.asarray(mean)
+    wrong = mean[(mean <= 0) | (mean >= 1)]
+    if wrong.size:
         raise ValueError(
-            f"{must_be} at most {largest:.3g} at a median of {median:g}, got {variation:g}, with"
-            " which the density would have two peaks, near 0 and near 1"
+            f"{name} must be greater than 0 and less than 1 to be uncertain, got {wrong[0]:g}"
         )
-    return _bisect(
-        lambda width: bool(_compute_logit_coefficient(median, width) <= variation), widest
-    )
-
-
-def _find_logit_coefficient(name: str, median: float, width: float) -> float:
-    """Find the coefficient of variation for a logit's standard deviation, by quadrature."""
-    must_be = f"standard deviation of the logit of {name} must be"
-    if median >= 1:
-        raise ValueError(f"{must_be} 0 at a median of {median:g}, got {width:g}")
-    widest, largest = _find_widest_logit(median)
-    # As `_find_logit_width` has it for the largest coefficient: the maximum lies between two of
-    # the widths that were tried.
-    widest = _bisect(
-        lambda tried: bool(_compute_logit_coefficient(median, tried) <= largest), widest
-    )
-    if width > widest:
+    total = (1 - mean) / (mean * np.square(variation)) - 1
+    first = mean * total
+    second = (1 - mean) * total
+    wrong = np.broadcast_to(variation, mean.shape)[(first < 1) & (second < 1)]
+    if wrong.size:
         raise ValueError(
-            f"{must_be} at most {widest:.3g} at a median of {median:g}, got {width:g}, with which"
-            " the density would have two peaks, near 0 and near 1"
+            f"coefficient of variation of {name} must not be as large as {wrong[0]:g}, with which"
+            " the density would have two peaks, at 0 and at 1"
         )
-    return float(_compute_logit_coefficient(median, width))
+    return first, second
 
 
-def _compute_logit_coefficient(median: float, width: float | np.ndarray) -> np.ndarray:
-    """Compute coefficients of variation for standard deviations of a logit, by quadrature."""
-    # Of median e^u / (1 - median + median e^u) above the median, u = width z, in a form that
-    # keeps its digits where the width is small.
-    growth = np.expm1(np.multiply.outer(width, _NORMAL))
-    above = median * (1 - median) * growth / (1 + median * growth)
-    mean = above @ _WEIGHT
-    return np.asarray(((above - mean[..., None]) ** 2 @ _WEIGHT) ** 0.5 / (median + mean))
+def compute_quantiles(
+    name: str, normal: np.ndarray, value: Number, variation: Number
+) -> np.ndarray:
+    """Compute samples of a parameter from standard normal numbers; the shapes broadcast.
+
+    A parameter between 0 and 1 has a Beta distribution, of which the value is the mean. Others
+    are lognormal where the value is positive, else normal, with the value as their median.
+    """
+    value, variation, normal = np.broadcast_arrays(np.asarray(value), variation, normal)
+    if is_between_0_and_1(name):
+        samples = np.array(value, float)
+        is_uncertain = variation * value != 0
+        shape = find_shape(name, value[is_uncertain], variation[is_uncertain])
+        samples[is_uncertain] = betaincinv(*shape, ndtr(normal[is_uncertain]))
+        return samples
+    lognormal = value * np.exp(np.log1p(variation**2) ** 0.5 * normal)
+    return np.where(value > 0, lognormal, value + variation * abs(value) * normal)
 
 
-def _find_widest_logit(median: float) -> tuple[float, float]:
-    """Find the largest standard deviation of a logit, and the coefficient of variation there."""
-    logit = abs(math.log(median) - math.log1p(-median))
-    # The density has one peak up to here: the equation of its extremes, logit(x) =
-    # logit(median) + width^2 (2 x - 1), solved together with its derivative.
-    apart = _bisect(lambda u: math.sinh(u) - u <= logit, 4 + math.log1p(logit))
-    tried = np.linspace(0, 2**0.5 * math.cosh(0.5 * apart), 201)
-    coefficients = _compute_logit_coefficient(median, tried)
-    # Beyond its maximum the coefficient decreases: the mean grows faster than the deviation.
-    widest = float(tried[np.argmax(coefficients)])
-    # Computed alone, as those that are compared with it: the last digit depends on that.
-    return widest, float(_compute_logit_coefficient(median, widest))
+def map_normal_numbers(
+    names: Iterable[str], normal: np.ndarray, values: np.ndarray, variations: Iterable[float]
+) -> np.ndarray:
+    """Map standard normal numbers to parameters, both of shape (samples, names)."""
+    columns = [*map(compute_quantiles, names, normal.T, values, variations)]
+    return np.stack(columns, axis=1) if columns else normal
 
 
-def _bisect(condition: Callable[[float], bool], high: float) -> float:
-    """Find where a condition that is true at 0 ceases to be."""
-    low = 0.0
-    # 60 halvings are more than the 53 bits of a number.
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if condition(middle) else (low, middle)
-    return low
+def expand_quantile(name: str, value: float, variation: float) -> tuple[float, ...]:
+    """Return a parameter where its standard normal number is 0, and two derivatives there."""
+    if not variation * value:
+        return (value, 0.0, 0.0)
+    if not is_between_0_and_1(name):
+        if value < 0:
+            return (value, -variation * value, 0.0)
+        width = np.log1p(variation**2) ** 0.5
+        return (value, value * width, value * width**2)
+    a, b = find_shape(name, value, variation)
+    median = betaincinv(a, b, 0.5)
+    # Equal probabilities: the slope is the normal density over the one of the parameter.
+    log_density = (a - 1) * np.log(median) + (b - 1) * np.log1p(-median) - betaln(a, b)
+    slope = (2 * np.pi) ** -0.5 * np.exp(-log_density)
+    return (median, slope, slope**2 * ((b - 1) / (1 - median) - (a - 1) / median))
+
+
+def compute_scores(
+    name: str, samples: np.ndarray, value: float, variation: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute derivatives of the log-density at samples, each of shape (samples,).
+
+    With respect to the logarithm of the value, and to the coefficient of variation. The
+    derivative of a mean is the mean of the product of an answer and these scores, however rough
+    the answer is: only the density is differentiated (Rubinstein 1986; Glynn 1990,
+    doi:10.1145/84537.84552).
+    """
+    if is_between_0_and_1(name):
+        a, b = find_shape(name, value, variation)
+        by_a = np.log(samples) - digamma(a) + digamma(a + b)
+        # A sample may be so close to 1 that it is rounded to 1.
+        by_b = np.log(np.maximum(1 - samples, 2**-54)) - digamma(b) + digamma(a + b)
+        # Both exponents are parts of their sum, (1 - mean) / (mean variation^2) - 1.
+        by_sum = value * by_a + (1 - value) * by_b
+        by_mean = (a + b) * (by_a - by_b) - by_sum / (value * variation) ** 2
+        return value * by_mean, -2 * (1 - value) / (value * variation**3) * by_sum
+    if value > 0:
+        width = np.log1p(variation**2) ** 0.5
+        normal = np.log(samples / value) / width
+        by_width = (normal**2 - 1) / width
+        return normal / width, by_width * variation / (width * (1 + variation**2))
+    normal = (samples - value) / (variation * abs(value))
+    by_width = (normal**2 - 1) / variation
+    return variation * by_width - normal / variation, by_width

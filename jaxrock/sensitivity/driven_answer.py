@@ -1,21 +1,20 @@
-"""An answer of a block on moving ground, as a function of some of its parameters."""
+"""An answer of a block on moving ground as a function of named parameters, and its tornado."""
 
-import functools
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..block import Block, block_of, size_of
-from ..driven import require_complete, respond, respond_batch
+from ..block import Block
+from ..driven import check_batch, require_complete, respond, respond_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
-from ..resonance import RockingModel
-from ..validation import AnyArray, Number, Reals, as_field, as_name, as_real
-from .parameters import choose_description
-from .samples import make_drawn_blocks
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import POSITIVE, Number, Reals, as_field, as_name, as_real, check
+from .measures import Ranges, TornadoBars, arrange_bars, list_ends
+from .parameters import name_parameters
 
 # The answers that have a name, in words.
 ANSWERS = {
@@ -23,118 +22,148 @@ ANSWERS = {
     "peak_rotation": "peak rotation",
     "margin": "overturning margin",
 }
-DrivenAnswerName = Literal["rotation_ratio", "peak_rotation", "margin"]
-# Of a block and its response, or of blocks and the responses of a batch.
-AnswerOfResponse = Callable[[Block, Any], AnyArray]
 # The highest rotation may come after the end of the ground motion [s].
-_BEYOND = 10.0
+BEYOND = 10.0
 
 
-def list_motion_medians(motion: Motion | Suite) -> dict[str, float]:
-    """List the parameters of a motion with their medians; `scale` is a factor on any motion."""
-    return {"scale": 1.0} | {
-        name: float(getattr(motion, name)) for name in _name_fields(motion)
-    }
+def gather_parameters(
+    block: Block, restitution: Number, motion: Motion | Suite, scale: Number
+) -> dict[str, Any]:
+    """Gather what may vary; `scale` is a factor on any motion, besides its own numbers.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range or not single.
+    """
+    restitution, _ = check_batch(block, restitution, motion, None)
+    check("scale", as_real("scale", scale), POSITIVE)
+    at = {name: getattr(motion, name) for name in _name_fields(motion)}
+    at |= {"block": block, "restitution": restitution, "scale": scale}
+    if any(np.ndim(leaf) for leaf in jax.tree.leaves(at)):
+        raise ValueError("block, restitution and motion must be single, got arrays")
+    return at
 
 
-def change_motion(motion: Motion, parameters: Mapping[str, Number]) -> Motion:
-    """Replace the fields of a motion that are among the parameters; `scale` is no field."""
+def change_motion(motion: Motion, at: Mapping[str, Any]) -> Motion:
+    """Replace the numbers of a motion by those that `gather_parameters` names."""
     for name in _name_fields(motion):
-        if name in parameters:
-            value = as_field(type(motion), name, parameters[name])
-            motion = eqx.tree_at(lambda part, name=name: getattr(part, name), motion, value)
+        value = as_field(type(motion), name, at[name])
+        motion = eqx.tree_at(lambda part, name=name: getattr(part, name), motion, value)
     return motion
 
 
 def _name_fields(motion: Motion | Suite) -> tuple[str, ...]:
-    """Name the fields of a motion that may be uncertain."""
+    """Name the numbers of a motion that may vary."""
     if isinstance(motion, Pulse):
         return ("amplitude", "duration")
     return ("amplitude", "frequency") if isinstance(motion, Harmonic) else ()
 
 
-def check_answer(answer: DrivenAnswerName | AnswerOfResponse) -> str | AnswerOfResponse:
-    """Return an answer, given by its name or as a function; a `ValueError` if it is neither."""
-    return answer if callable(answer) else as_name("answer", answer, ANSWERS)
-
-
 class DrivenAnswer(eqx.Module):
-    """An answer of a block on moving ground, as a function of some of its parameters.
+    """An answer of a block on moving ground, as a function of what `gather_parameters` lists.
 
     Attributes
     ----------
-    block, restitution, motion : Block, Array, Motion
-        The scene, with the values of all parameters that are not given.
-    answer : str or callable
-        As `check_answer` returns it.
+    motion : Motion
+    answer : str
+        One of `ANSWERS`.
     model : RockingModel
         Equation of motion.
-    scale : Array
-        Factor on the motion, whatever its amplitude is.
     """
 
-    block: Block
-    restitution: Reals = eqx.field(
-        converter=functools.partial(as_real, "restitution", unit="")
-    )
     motion: Motion
-    answer: str | AnswerOfResponse = eqx.field(static=True)
+    answer: str = eqx.field(
+        static=True, converter=lambda answer: as_name("answer", answer, ANSWERS)
+    )
     model: RockingModel = eqx.field(static=True)
-    scale: Reals = eqx.field(converter=functools.partial(as_real, "scale", unit=""))
 
-    @property
-    def title(self) -> str:
-        """The answer in words."""
-        if isinstance(self.answer, str):
-            return ANSWERS[self.answer]
-        name = getattr(self.answer, "__name__", "")
-        return name.replace("_", " ").strip() if name.isidentifier() else "answer"
+    def __call__(self, at: Mapping[str, Any]) -> Reals:
+        """Compute the answer for one block, which may be traced."""
+        return self._choose_answer(at["block"], self._simulate(respond, at))
 
-    def __call__(self, parameters: Mapping[str, Number]) -> Reals:
-        """Compute the answer at one value of each parameter, which may be traced."""
-        size = size_of(self.block, choose_description(parameters, "parameters"))
-        block = block_of({**size, **parameters}, self.block.one_sided)
-        restitution, motion = self._change_scene(parameters)
-        duration = self._choose_duration(motion)
-        response = respond(block, restitution, motion, duration, model=self.model)
-        return self._choose_answer(block, response)
-
-    def evaluate(self, parameters: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Compute the answers at many values of the parameters, shape (samples,), in a batch.
+    def evaluate(self, at: Mapping[str, Any]) -> np.ndarray:
+        """Compute the answers for many blocks in a batch.
 
         Raises
         ------
         ValueError
             If an integration did not finish.
         """
-        size = size_of(self.block, choose_description(parameters, "parameters"))
-        constant = {name: np.asarray(value) for name, value in size.items()}
-        drawn = make_drawn_blocks({**constant, **parameters}, self.block.one_sided)
-        blocks = jax.device_put(drawn)
-        restitution, motion = self._change_scene(parameters)
-        duration = self._choose_duration(motion)
-        response = respond_batch(blocks, restitution, motion, duration, model=self.model)
+        blocks = jax.device_put(at["block"])
+        response = self._simulate(respond_batch, {**at, "block": blocks})
         require_complete(response.complete, sample=None)
         return np.asarray(self._choose_answer(blocks, response))
 
-    def _change_scene(self, parameters: Mapping[str, Number]) -> tuple[Number, Motion]:
-        """Change restitution and motion to given values."""
-        # The scale last: an amplitude that is varied replaces the one that the motion has.
-        scale = parameters.get("scale", self.scale)
-        motion = change_motion(self.motion, parameters).scaled(scale)
-        return parameters.get("restitution", self.restitution), motion
-
-    def _choose_duration(self, motion: Motion) -> Reals:
-        """Choose the time up to which responses are computed [s]."""
+    def _simulate(self, simulate: Callable[..., Any], at: Mapping[str, Any]) -> Any:
+        """Simulate one response or many."""
+        # The scale last, since an amplitude replaces the one of the motion.
+        motion = change_motion(self.motion, at).scaled(at["scale"])
         # The margin is known at the end of the motion, by energy.
-        return motion.end + (0.0 if self.answer == "margin" else _BEYOND)
+        duration = motion.end + (0.0 if self.answer == "margin" else BEYOND)
+        return simulate(at["block"], at["restitution"], motion, duration, model=self.model)
 
     def _choose_answer(self, block: Block, response: Any) -> Reals:
         """Choose the answer among the results of responses."""
-        if not isinstance(self.answer, str):
-            return jnp.asarray(self.answer(block, response))
         if self.answer == "margin":
             return response.margin
         # A block that has fallen lies where nothing changes: its peak is no answer.
         peak = jnp.where(response.overturned, jnp.nan, response.peak_rotation)
         return peak / block.critical_angle if self.answer == "rotation_ratio" else peak
+
+
+def driven_tornado(
+    block: Block,
+    restitution: Number,
+    motion: Motion,
+    ranges: Ranges,
+    *,
+    answer: str = "rotation_ratio",
+    scale: Number = 1.0,
+    model: ModelLike = Nonlinear(),
+) -> TornadoBars:
+    """Vary each parameter of a block on moving ground within its range, one at a time.
+
+    Parameters
+    ----------
+    block, restitution, motion : Block, float, Motion
+        One scene.
+    ranges : dict
+        Low and high value of each parameter to vary, by name, with its own value between them:
+        ``restitution``, ``width`` (at this height) and ``height`` (at this width) or
+        ``half_width`` (at this slenderness) and ``slenderness``, ``scale``, and of a pulse
+        ``amplitude`` and ``duration``.
+    answer : {"rotation_ratio", "peak_rotation", "margin"}
+        As in `local_dependence`; NaN at an end at which the block overturns.
+    scale : float
+        Factor on the motion [-], also where the amplitude is varied.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion.
+
+    Returns
+    -------
+    TornadoBars
+
+    Raises
+    ------
+    ValueError
+        If a name is none of these, an argument is out of range, a range does not hold the
+        value of its parameter, or an integration did not finish.
+
+    Examples
+    --------
+    >>> import jaxrock as jr
+    >>> pulse = jr.Sine(3.0, 0.5)
+    >>> ranges = {"restitution": (0.8, 0.9), "amplitude": (2.8, 3.2)}
+    >>> print(jr.sensitivity.driven_tornado(jr.Block(0.4, 5.0), 0.85, pulse, ranges))
+    0.132752
+                                   low          high        at low       at high
+    amplitude                      2.8           3.2      0.104106      0.157563
+    restitution                    0.8           0.9      0.123243      0.142628
+    """
+    function = DrivenAnswer(motion, answer, as_model(model))
+    at = gather_parameters(block, restitution, motion, scale)
+    parameters = name_parameters(at, ranges, "ranges")
+    points = list_ends(parameters.get_values(ranges), ranges)
+    at = parameters.build(dict(zip(ranges, points.T, strict=True)))
+    return arrange_bars(function.evaluate(at), ranges)

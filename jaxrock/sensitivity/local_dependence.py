@@ -2,36 +2,33 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import numpy as np
 
 from ..block import Block
-from ..driven import Batch, check_batch
+from ..driven import require_complete
 from ..ground_motion import Harmonic, Motion, Pulse, Record
 from ..host import Printed, format_table
-from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import POSITIVE, Number, as_real, check, check_kind
+from ..overturning import overturning_boundaries
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import Number, check_kind
+from .distributions import draw_normal_numbers, map_normal_numbers
 from .driven_answer import (
-    AnswerOfResponse,
+    ANSWERS,
     DrivenAnswer,
-    DrivenAnswerName,
-    check_answer,
-    list_motion_medians,
+    gather_parameters,
 )
-from .outcome_interval import OutcomeInterval, find_outcome_interval, write_outcome
-from .parameters import describe_parameter, make_parametric
-from .samples import (
-    draw_normal_numbers,
-    list_medians,
-    map_normal_numbers,
-)
-from .uncertain import Uncertain, list_single_coefficients
+from .parameters import describe_parameter, evaluate_answer, name_parameters
+from .uncertain import ARGUMENT, Uncertain, list_single_coefficients
 
 # A tangent describes an answer if it explains this fraction of the variance.
 _EXPLAINED = 0.8
-_OMITTED = "; derivatives are not meaningful and are omitted"
+# Boundaries are sought up to so many standard deviations of the logarithm away, at so many
+# factors. Odd, so that the motion itself is among them, however narrow its interval is.
+_RANGE = 4.0
+_FACTORS = 257
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,9 +47,7 @@ class LocalDependence(Printed):
         Whether the block overturns at the medians.
     factor_low, factor_high : float
         Scale factors between which the outcome is the same, with all other parameters at
-        their medians [-]; NaN where there is no boundary within `factor_range`.
-    factor_range : tuple of float
-        Lowest and highest scale factor at which the outcome was examined [-].
+        their medians [-]; NaN where there is no boundary within four standard deviations.
     meaningful : bool
         Whether derivatives describe the answer within the uncertainty.
     derivatives, elasticities : ndarray, shape (parameters,)
@@ -76,7 +71,6 @@ class LocalDependence(Printed):
     overturned: bool
     factor_low: float
     factor_high: float
-    factor_range: tuple[float, float]
     meaningful: bool
     derivatives: np.ndarray
     elasticities: np.ndarray
@@ -93,21 +87,15 @@ class LocalDependence(Printed):
         -------
         dict of list
         """
-        columns = {"value": self.at, "derivative": self.derivatives}
-        columns["elasticity"] = self.elasticities
-        return {"quantity": list(self.names), **{n: v.tolist() for n, v in columns.items()}}
+        columns = [self.names, self.at, self.derivatives, self.elasticities]
+        heads = ("quantity", "value", "derivative", "elasticity")
+        return {head: [*column] for head, column in zip(heads, columns, strict=True)}
 
     def __str__(self) -> str:
-        head = f"{self.answer} {self.value:.6g}"
-        if np.isnan(self.value):
-            head = f"{self.answer}: no value, the block {write_outcome(self.overturned)}"
-        if self.standard_deviation == 0:
-            head += ", in all samples as well"
-        elif np.isfinite(self.mean):
-            moments = f"{self.mean:.6g} +- {self.standard_deviation:.3g}"
-            head += f", within the uncertainty {moments}"
-        else:
-            head += f"; no mean, since {100 * self.left_out:.3g} % of the samples have none"
+        moments = f"{self.mean:.6g} +- {self.standard_deviation:.3g}"
+        if self.left_out:
+            moments = f"no mean, since {100 * self.left_out:.3g} % of the samples have none"
+        head = f"{self.answer} {self.value:.6g}, within the uncertainty {moments}"
         if self.meaningful:
             names = [describe_parameter(name) for name in self.names]
             columns = {"derivative": self.derivatives, "elasticity": self.elasticities}
@@ -121,7 +109,7 @@ def local_dependence(
     motion: Motion,
     uncertain: Uncertain,
     *,
-    answer: DrivenAnswerName | AnswerOfResponse = "rotation_ratio",
+    answer: str = "rotation_ratio",
     scale: float = 1.0,
     model: ModelLike = Nonlinear(),
 ) -> LocalDependence:
@@ -145,12 +133,9 @@ def local_dependence(
         ``restitution``, names may be ``scale``, a factor on the motion; ``amplitude`` and
         ``duration`` of a pulse; ``amplitude`` and ``frequency`` of a `Harmonic`. Derivatives
         are computed with respect to all of them.
-    answer : {"rotation_ratio", "peak_rotation", "margin"} or callable
+    answer : {"rotation_ratio", "peak_rotation", "margin"}
         alpha_max / alpha_c [-] or alpha_max [rad], which do not exist for a block that
-        overturns; or the margin of `respond` [-], which always exists. A callable takes a
-        block and its response up to 10 s beyond the end of the motion, or arrays of blocks
-        and of responses as from `respond_batch`. It returns the answer, NaN where it does not
-        exist.
+        overturns; or the margin of `respond` [-], which always exists.
     scale : float
         A factor on the motion, greater than 0: the median of ``scale``.
     model : Nonlinear or Linearized, or their names
@@ -190,169 +175,108 @@ def local_dependence(
     >>> print(local.meaningful, local.overturned)
     False False
     >>> print(local.reason.partition("; ")[0])
-    the block stands only for scale factors 1.9979 to 2.0017, a range narrower than the assumed \
-uncertainty (5 %)
+    the block stands for scale factors 1.9979 to 2.0017, nearer than the uncertainty (5 %)
     """
-    coefficients = _check_question(block, restitution, motion, uncertain, scale)
-    names = tuple(coefficients)
-    function = DrivenAnswer(
-        block, restitution, motion, check_answer(answer), as_model(model), scale
-    )
-    medians = {
-        name: float(value) for name, value in list_medians(block, restitution, names).items()
-    }
-    medians |= list_motion_medians(motion) | {"scale": float(scale)}
-    sample = _sample_answers(function, medians, coefficients, uncertain)
-    interval = find_outcome_interval(
-        block,
-        restitution,
-        motion,
-        scale=float(scale),
-        uncertainty=max(coefficients.values()),
-        model=model,
-    )
-    derivatives, explained = _differentiate(function, interval, sample)
-    missing = np.full(len(names), np.nan)
-    elasticities = missing
-    if derivatives is not None:
-        # An answer of 0 has no elasticity.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            elasticities = derivatives * sample.at / sample.value
-    return LocalDependence(
-        answer=function.title,
-        names=names,
-        at=sample.at,
-        value=sample.value,
-        overturned=interval.overturned,
-        factor_low=interval.low,
-        factor_high=interval.high,
-        factor_range=interval.range,
-        meaningful=derivatives is not None,
-        derivatives=missing if derivatives is None else derivatives,
-        elasticities=elasticities,
-        explained_variance=explained,
-        mean=float(sample.answers.mean()),
-        standard_deviation=float(sample.answers.std()),
-        left_out=float(1 - np.isfinite(sample.answers).mean()),
-        reason=_write_reason(interval, function.title, sample.value, explained),
-    )
-
-
-def _check_question(
-    block: Block, restitution: Number, motion: Motion, uncertain: Uncertain, scale: float
-) -> dict[str, float]:
-    """Check the arguments; a `ValueError` if one is not allowed. Return the coefficients."""
-    restitution, _ = check_batch(block, restitution, motion, None)
     check_kind("motion", motion, Pulse, Harmonic, Record)
-    shape = Batch.of(block, restitution, motion).shape
-    if shape:
-        raise ValueError(
-            f"block, restitution and motion must be single, got arrays of shape {shape}"
-        )
-    check_kind("uncertain", uncertain, Uncertain)
-    check("scale", as_real("scale", scale, unit=""), POSITIVE)
-    coefficients = list_single_coefficients(uncertain)
-    if not any(coefficients.values()):
+    scene = gather_parameters(block, restitution, motion, scale)
+    variations = list_single_coefficients(uncertain)
+    if not variations.any():
         raise ValueError("uncertain must have a coefficient greater than 0, got none")
-    return coefficients
-
-
-class _AnswerSample(NamedTuple):
-    """An answer at the medians of the uncertain parameters, and at samples of them.
-
-    Attributes
-    ----------
-    names, at : tuple of str, ndarray, shape (parameters,)
-        The parameters, and their medians.
-    steps : ndarray, shape (parameters, samples)
-        The distances of the samples from the medians.
-    value : float
-        The answer at the medians.
-    answers : ndarray, shape (samples,)
-        Those of the samples, NaN where there is none.
-    """
-
-    names: tuple[str, ...]
-    at: np.ndarray
-    steps: np.ndarray
-    value: float
-    answers: np.ndarray
-
-
-def _sample_answers(
-    function: DrivenAnswer,
-    medians: Mapping[str, float],
-    coefficients: Mapping[str, float],
-    uncertain: Uncertain,
-) -> _AnswerSample:
-    """Draw samples of the uncertain parameters, and compute the answer at all of them."""
-    names = tuple(coefficients)
+    function = DrivenAnswer(motion, answer, as_model(model))
+    names = uncertain.names
+    parameters = name_parameters(scene, names, ARGUMENT)
+    at = parameters.get_values(names)
     # The samples of which `outcome_probabilities` counts the outcomes: half of its columns.
     normal = draw_normal_numbers(2 * len(names), uncertain.samples, uncertain.seed)
-    correlated = uncertain.correlate(normal[:, : len(names)])
-    drawn = map_normal_numbers(correlated, medians, coefficients)
-    # With the medians as the last sample: one batch.
-    points = {name: np.append(drawn[name], medians[name]) for name in names}
-    answers = function.evaluate(points)
+    normal = uncertain.correlate(normal[:, : len(names)])
+    samples = map_normal_numbers(names, normal, at, variations)
+    # With the parameters themselves as the last sample: one batch.
+    points = np.vstack([samples, at]).T
+    answers = function.evaluate(parameters.build(dict(zip(names, points, strict=True))))
     answers = np.where(np.isfinite(answers), answers, np.nan)
-    at = np.array([medians[name] for name in names])
-    steps = np.stack([drawn[name] for name in names]) - at[:, None]
-    return _AnswerSample(names, at, steps, float(answers[-1]), answers[:-1])
-
-
-def _differentiate(
-    function: DrivenAnswer, interval: OutcomeInterval, sample: _AnswerSample
-) -> tuple[np.ndarray | None, float]:
-    """Compute derivatives at the medians, and the fraction of the variance they explain.
-
-    Returns
-    -------
-    derivatives : ndarray, shape (parameters,)
-        None where they are not meaningful.
-    explained : float
-        NaN if all answers are equal, 0 if there is none.
-    """
-    finite = np.isfinite(sample.answers)
-    answers = sample.answers[finite]
-    steps = sample.steps[:, finite]
-    if not answers.size:
-        return None, 0.0
-    # 64 units of rounding: a margin of 1 is not the same to its last digit in all samples.
-    if np.ptp(answers) <= 64 * np.finfo(answers.dtype).eps * abs(answers).max():
-        return None, np.nan
-    columns = np.vstack([np.ones_like(answers), steps]).T
-    plane = columns @ np.linalg.lstsq(columns, answers)[0]
-    explained = _compute_explained_fraction(answers, plane)
+    value = float(answers[-1])
+    answers = answers[:-1]
+    steps = (samples - at).T
+    uncertainty = float(variations.max())
+    low, high, overturned, reason = _find_interval(scene, motion, uncertainty, function.model)
+    is_near = scale - low < uncertainty * scale or high - scale < uncertainty * scale
+    if is_near:
+        reason += f", nearer than the uncertainty ({100 * uncertainty:.3g} %)"
+    tangent, explained = _fit_plane(answers, steps)
     # No tangent explains more than the best plane: without that nothing is compiled.
-    if interval.has_near_boundary or not np.isfinite(sample.value) or explained < _EXPLAINED:
-        return None, explained
-    parametric = make_parametric(
-        eqx.tree_at(lambda part: part.motion, function, function.motion.bucketed()),
-        dict(zip(sample.names, sample.at.tolist(), strict=True)),
+    meaningful = not is_near and bool(np.isfinite(value)) and explained >= _EXPLAINED
+    if meaningful:
+        bucketed = eqx.tree_at(lambda part: part.motion, function, motion.bucketed())
+        _, tangent = evaluate_answer(bucketed, parameters, names, at, 1)
+        explained = _explain_variance(answers, value + tangent @ steps)
+        meaningful = explained >= _EXPLAINED
+    derivatives = np.where(meaningful, tangent, np.nan)
+    # An answer of 0 has no elasticity.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        elasticities = derivatives * at / value
+    if np.isfinite(explained):
+        percent = 100 * max(explained, 0.0)
+        reason += f"; a linear function explains {percent:.3g} % of the variance"
+    return LocalDependence(
+        answer=ANSWERS[function.answer],
+        names=names,
+        at=at,
+        value=value,
+        overturned=overturned,
+        factor_low=low,
+        factor_high=high,
+        meaningful=meaningful,
+        derivatives=derivatives,
+        elasticities=elasticities,
+        explained_variance=explained,
+        mean=float(answers.mean()),
+        standard_deviation=float(answers.std()),
+        left_out=float(1 - np.isfinite(answers).mean()),
+        reason=reason + "; derivatives are not meaningful and are omitted" * (not meaningful),
     )
-    value, gradient = parametric.evaluate(np.asarray(parametric.values), 1)
-    # JAX sorts the names of a dictionary.
-    derivatives = gradient[[parametric.names.index(name) for name in sample.names]]
-    explained = _compute_explained_fraction(answers, value + derivatives @ steps)
-    return derivatives if explained >= _EXPLAINED else None, explained
 
 
-def _compute_explained_fraction(answers: np.ndarray, fitted: np.ndarray) -> float:
+def _find_interval(
+    scene: Mapping[str, Any], motion: Motion, uncertainty: float, model: RockingModel
+) -> tuple[float, float, bool, str]:
+    """Find the scale factors between which the outcome stays, the outcome, and both in words.
+
+    An end is NaN where there is no boundary within the range.
+    """
+    scale = scene["scale"]
+    width = _RANGE * np.log1p(uncertainty**2) ** 0.5
+    factors = scale * np.exp(np.linspace(-width, width, _FACTORS))
+    boundaries = overturning_boundaries(
+        scene["block"], scene["restitution"], motion, "factor", factors, model=model
+    )
+    require_complete(boundaries.complete)
+    places = np.asarray(boundaries.value, float)
+    low = float(max(places[places <= scale], default=np.nan))
+    high = float(min(places[places > scale], default=np.nan))
+    # The outcome changes at each boundary below the scale.
+    overturned = bool(boundaries.overturns_first) != bool((places <= scale).sum() % 2)
+    outcome = "overturns" if overturned else "stands"
+    first = f"below {factors[0]:.3g}" if np.isnan(low) else f"{low:.5g}"
+    last = f"above {factors[-1]:.3g}" if np.isnan(high) else f"{high:.5g}"
+    return low, high, overturned, f"the block {outcome} for scale factors {first} to {last}"
+
+
+def _fit_plane(answers: np.ndarray, steps: np.ndarray) -> tuple[np.ndarray, float]:
+    """Fit a plane to answers; return its slopes, and the fraction of the variance it explains.
+
+    The fraction is NaN if all answers are equal, or there is none.
+    """
+    finite = np.isfinite(answers)
+    known = answers[finite]
+    # 64 units of rounding: a margin of 1 is not the same to its last digit in all samples.
+    rounding = 64 * np.finfo(answers.dtype).eps
+    if not known.size or np.ptp(known) <= rounding * abs(known).max():
+        return np.zeros(len(steps)), np.nan
+    columns = np.vstack([np.ones(known.size), steps[:, finite]]).T
+    plane = np.linalg.lstsq(columns, known)[0]
+    return plane[1:], _explain_variance(known, columns @ plane)
+
+
+def _explain_variance(answers: np.ndarray, fitted: np.ndarray) -> float:
     """Compute the fraction of the variance of answers that fitted values explain [-]."""
-    return 1 - float(((answers - fitted) ** 2).mean()) / float(answers.var())
-
-
-def _write_reason(
-    interval: OutcomeInterval, title: str, value: float, explained: float
-) -> str:
-    """Write in words what makes derivatives meaningful or not."""
-    if interval.has_near_boundary:
-        return f"{interval}{_OMITTED}"
-    if not np.isfinite(value):
-        return f"{interval}; there the {title} does not exist, nor do its derivatives"
-    if np.isnan(explained):
-        return f"{interval}; the {title} does not vary within the uncertainty{_OMITTED}"
-    variance = f"{100 * max(explained, 0.0):.3g} % of the variance of the {title}"
-    if explained < _EXPLAINED:
-        return f"{interval}; a tangent explains at most {variance}{_OMITTED}"
-    return f"{interval}; the tangent explains {variance}"
+    return 1 - float(np.nanmean((answers - fitted) ** 2) / np.nanvar(answers))

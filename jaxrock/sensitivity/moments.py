@@ -1,4 +1,4 @@
-"""Moments of an answer whose parameters are uncertain, and samples of it."""
+"""Moments of an answer whose parameters are uncertain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..host import Printed, format_fields
-from .parameters import Answer
-from .uncertain import Uncertain, make_uncertain_answer
+from .distributions import draw_normal_numbers, expand_quantile, map_normal_numbers
+from .parameters import Answer, evaluate_answer, name_single_parameters
+from .uncertain import ARGUMENT, Uncertain, list_single_coefficients
 
 # Largest errors of mean and standard deviation, over the standard deviation, with which an
 # estimate counts as within tolerance.
@@ -61,7 +62,8 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     Parameters
     ----------
     answer, at : callable, pytree
-        A function from a pytree of numbers to one number; the pytree of their medians.
+        A function from a pytree of numbers to one number; the pytree of their values
+        without uncertainty, as `Uncertain` has them.
     uncertain : Uncertain
         One coefficient of variation for each uncertain parameter, by name. Names of a `Block`
         are its fields, or ``width`` (at this height) and ``height`` (at this width), or
@@ -74,9 +76,8 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     Raises
     ------
     ValueError
-        If a name is not one of `at`; if a sample of a critical angle reaches pi / 2; if the
-        coefficient of variation of a restitution is too large: above 0 at a median of 1, or
-        so large that the density has two peaks.
+        If a name is not one of `at`; if the coefficient of variation of a restitution is above
+        0 at a mean of 1, or so large that the density has two peaks.
 
     Examples
     --------
@@ -85,31 +86,25 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     >>> uncertain = jr.Uncertain({"intensity": 0.1, "restitution": 0.05}, samples=1024)
     >>> moments = jr.sensitivity.propagate(jr.rotation_ratio, wall, uncertain)
     >>> print(f"{moments.mean:.4f} +- {moments.standard_deviation:.4f}")
-    0.1311 +- 0.0419
+    0.1323 +- 0.0424
     """
-    function, normal = make_uncertain_answer(answer, at, uncertain)
-    series = function.evaluate(np.zeros(normal.shape[1]), 2)
-    (answers,) = function.evaluate(normal)
-    names = () if uncertain.correlated_pairs else uncertain.names
-    return _estimate_moments(names, series, normal, answers)
-
-
-def monte_carlo(answer: Answer, at: Any, uncertain: Uncertain) -> np.ndarray:
-    """Compute answers at samples of the parameters.
-
-    A histogram needs some 4,096 samples.
-
-    Parameters
-    ----------
-    answer, at, uncertain
-        As in `propagate`, with the same errors.
-
-    Returns
-    -------
-    ndarray, shape (samples,)
-    """
-    function, normal = make_uncertain_answer(answer, at, uncertain)
-    return function.evaluate(normal)[0]
+    variations = list_single_coefficients(uncertain)
+    names = uncertain.names
+    parameters = name_single_parameters(answer, at, names, ARGUMENT)
+    values = parameters.get_values(names)
+    normal = draw_normal_numbers(len(names), uncertain.samples, uncertain.seed)
+    points = map_normal_numbers(names, uncertain.correlate(normal), values, variations)
+    (answers,) = evaluate_answer(answer, parameters, names, points)
+    # By the chain rule: from derivatives with respect to parameters to those with respect to
+    # normal numbers, first correlated and then independent ones.
+    expansion = [*map(expand_quantile, names, values, variations)]
+    middle, first, second = np.reshape(expansion, (-1, 3)).T
+    value, gradient, hessian = evaluate_answer(answer, parameters, names, middle, 2)
+    factor = uncertain.correlate(np.eye(len(names))).T
+    hessian = first[:, None] * hessian * first + np.diag(gradient * second)
+    series = (value, factor.T @ (gradient * first), factor.T @ hessian @ factor)
+    shown = () if uncertain.correlated_pairs else names
+    return _estimate_moments(shown, series, normal, answers)
 
 
 def _estimate_moments(
@@ -126,13 +121,12 @@ def _estimate_moments(
     # the variance g . g + tr(H H) / 2.
     value, gradient, hessian = series
     first_variance = float((gradient**2).sum())
-    variance = first_variance + 0.5 * float((hessian**2).sum())
     mean = float(value + 0.5 * np.trace(hessian))
-    deviation = variance**0.5
+    deviation = (first_variance + 0.5 * float((hessian**2).sum())) ** 0.5
     # One sample without an answer, and the moments that are asked for do not exist.
     finite = np.isfinite(answers)
     errors = (np.inf, np.inf)
-    if finite.all() and np.isfinite(mean + variance):
+    if finite.all() and np.isfinite(mean + deviation):
         quadratic = value + z @ gradient + 0.5 * np.einsum("ni,ij,nj->n", z, hessian, z)
         errors = _estimate_errors(quadratic, answers - quadratic, mean, deviation)
     fractions = gradient**2 / (first_variance or 1.0)

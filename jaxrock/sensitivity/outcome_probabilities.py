@@ -1,5 +1,6 @@
 """Probabilities that a block rocks or overturns, and the parameters that decide them."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,36 +10,25 @@ import jax
 import numpy as np
 
 from ..block import Block
-from ..driven import Batch, check_batch, follow_batch, require_complete
+from ..driven import Batch, follow_batch, require_complete
 from ..ground_motion import Motion, Suite, average_directions
-from ..host import Shown, count_work
+from ..host import Shown, count_work, format_table
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..tables import UNITS
 from ..validation import POSITIVE, Number, as_real, check
-from .driven_answer import change_motion, list_motion_medians
-from .outcome_statistics import (
-    compute_derivatives,
-    compute_interval,
-    compute_scores,
-    compute_sobol_indices,
-)
-from .parameters import describe_parameter
-from .samples import (
-    draw_normal_numbers,
-    list_medians,
-    make_drawn_blocks,
-    map_normal_numbers,
-)
-from .uncertain import Uncertain, list_single_coefficients
+from .distributions import compute_scores, draw_normal_numbers, map_normal_numbers
+from .driven_answer import BEYOND, change_motion, gather_parameters
+from .outcome_statistics import compute_derivatives, compute_interval, compute_sobol_indices
+from .parameters import describe_parameter, name_parameters
+from .uncertain import ARGUMENT, Uncertain, list_single_coefficients
 
-# Responses that are simulated at once, for which there is memory.
-_AT_ONCE = 2**20
-# The highest rotation may come after the end of the ground motion [s].
-_BEYOND = 10.0
+# Derivatives of probabilities, and what they are the change for.
+_CHANGES = {
+    "by_median": "median +1 %",
+    "by_coefficient_of_variation": "coefficient of variation +0.01",
+}
 # An outcome has indices and derivatives if at least so many samples have it, and have it not.
 _FEWEST = 20
-
-
 _LARGEST_ERROR = 0.25  # of an index that is given
 
 
@@ -130,21 +120,13 @@ class OutcomeProbabilities(Shown):
         """
         units = [UNITS.get(name, "-") for name in self.sources]
         columns: dict[str, list[Any]] = {"quantity": list(self.sources), "unit": units}
-        for k, answer in enumerate(self.answers):
-            for kind in ("first", "first_error", "total", "total_error"):
-                order, _, error = kind.partition("_")
-                head = "_".join(filter(None, [order, answer.replace(" ", "_"), error]))
-                columns[head] = getattr(self, kind)[k].tolist()
-        # The record has no derivatives.
-        missing = [math.nan] * (len(self.sources) - len(self.names))
-        for k, outcome in enumerate(self.outcomes):
-            for kind in ("by_median", "by_coefficient_of_variation"):
-                derivatives = getattr(self, kind)[k]
-                errors = getattr(self, f"{kind}_error")[k]
-                clear = np.where(errors < abs(derivatives), derivatives, np.nan)
-                head = f"{kind}_{outcome.replace(' ', '_')}"
-                columns[head] = [*clear.tolist(), *missing]
-                columns[f"{head}_error"] = [*errors.tolist(), *missing]
+        for kinds, answers in ((("first", "total"), self.answers), (_CHANGES, self.outcomes)):
+            for (k, answer), kind in itertools.product(enumerate(answers), kinds):
+                values, errors = self._get_pairs(kind, k)
+                if kind in _CHANGES:
+                    values = np.where(errors < abs(values), values, np.nan)
+                head = f"{kind}_{answer.replace(' ', '_')}"
+                columns |= {head: values.tolist(), f"{head}_error": errors.tolist()}
         return columns
 
     def __str__(self) -> str:
@@ -159,30 +141,28 @@ class OutcomeProbabilities(Shown):
             lines.append(f"{outcome:20}{self.probability[k]:10.4f}   {interval}")
         for k, answer in enumerate(self.answers):
             if np.isfinite(self.first[k]).all():
-                lines += ["", *self._write_table(k, answer)]
+                lines += ["", self._write_table(k)]
             elif k and 0 < self.probability[k - 1] < 1:
                 lines += ["", f"{answer}: too few samples differ for indices and derivatives"]
         return "\n".join(lines)
 
-    def _write_table(self, k: int, answer: str) -> list[str]:
+    def _get_pairs(self, kind: str, k: int) -> np.ndarray:
+        """Return values and errors of all sources, NaN for the record if it has none."""
+        pairs = np.array([getattr(self, kind)[k], getattr(self, f"{kind}_error")[k]])
+        padding = len(self.sources) - pairs.shape[1]
+        return np.pad(pairs, ((0, 0), (0, padding)), constant_values=np.nan)
+
+    def _write_table(self, k: int) -> str:
         """Write a table of an answer that varies: indices, derivatives of a probability."""
-        is_outcome = k > 0
-        head = f"{answer:30}{'first order':>18}{'total':>18}"
-        if is_outcome:
-            head += f"{'median +1 %':>22}{'coefficient of variation +0.01':>32}"
-        rows = [head]
-        for i, source in enumerate(self.sources):
-            row = f"{describe_parameter(source):30}"
-            first = describe_index(self.first[k, i], self.first_error[k, i])
-            total = describe_index(self.total[k, i], self.total_error[k, i])
-            row += f"{first:>18}{total:>18}"
-            if is_outcome and i < len(self.names):
-                row += _write_change(self.by_median[k - 1, i], self.by_median_error[k - 1, i])
-                derivative = self.by_coefficient_of_variation[k - 1, i]
-                error = self.by_coefficient_of_variation_error[k - 1, i]
-                row += f"{_write_change(derivative, error):>32}"
-            rows.append(row)
-        return rows
+        columns = {
+            "first order": [*map(describe_index, *self._get_pairs("first", k))],
+            "total": [*map(describe_index, *self._get_pairs("total", k))],
+        }
+        for kind, head in _CHANGES.items() if k else ():
+            columns[head] = [*map(_write_change, *self._get_pairs(kind, k - 1))]
+        return format_table(
+            self.answers[k], [*map(describe_parameter, self.sources)], **columns
+        )
 
 
 def is_index_known(value: float, error: float) -> bool:
@@ -205,8 +185,8 @@ def describe_index(value: float, error: float) -> str:
 def _write_change(value: float, error: float) -> str:
     """Write the change of a probability for a hundredth more; nothing where noise hides it."""
     if not error < abs(value):
-        return f"{'within noise':>22}"
-    return f"{f'{0.01 * value:+.4f} +- {0.01 * error:.4f}':>22}"
+        return "" if math.isnan(error) else "within noise"
+    return f"{0.01 * value:+.4f} +- {0.01 * error:.4f}"
 
 
 def outcome_probabilities(
@@ -275,63 +255,55 @@ def outcome_probabilities(
     >>> uncertain = jr.Uncertain(coefficients, samples=4096)
     >>> result = jr.sensitivity.outcome_probabilities(block, 0.8, record, uncertain)
     >>> print(result.outcomes[2], f"{result.probability[2]:.2f}")
-    overturns 0.53
+    overturns 0.54
     """
-    scene = check_batch(block, restitution, motion, None)
     check("ratio", as_real("ratio", ratio), POSITIVE)
-    if not isinstance(confidence, float | int) or not 0 < confidence < 1:
+    if not 0 < confidence < 1:
+        raise ValueError(f"confidence must be between 0 and 1, got {confidence!r:.60}")
+    variations = list_single_coefficients(uncertain)
+    check(ARGUMENT, variations, POSITIVE)
+    names = uncertain.names
+    if not names or uncertain.correlated_pairs:
         raise ValueError(
-            f"confidence must be a number between 0 and 1, got {confidence!r:.60}"
+            "uncertain must name at least one parameter and have no correlations, got"
+            f" {len(names)} and {len(uncertain.correlated_pairs)} of them: Sobol indices are those"
+            " of independent parameters"
         )
-    coefficients = list_single_coefficients(uncertain)
-    if uncertain.correlated_pairs:
-        first, second = uncertain.correlated_pairs[0][0]
-        raise ValueError(
-            "uncertain must have no correlations, since Sobol indices are those of independent"
-            f" parameters; got {first} and {second}"
-        )
-    if not coefficients:
-        raise ValueError("uncertain must name at least one parameter, got none")
-    if any(np.ndim(leaf) for leaf in jax.tree.leaves((block, scene[0]))):
-        raise ValueError("block and restitution must be a single block and number, got arrays")
-    parameters = list_medians(block, scene[0], coefficients)
-    medians = {name: float(value) for name, value in parameters.items()}
-    medians |= list_motion_medians(motion)
-    coefficient = np.array(list(coefficients.values()))
-    check("coefficients_of_variation", coefficient, POSITIVE)
+    at = gather_parameters(block, restitution, motion, 1.0)
+    parameters = name_parameters(at, names, ARGUMENT)
+    values = parameters.get_values(names)
     samples = uncertain.samples
-    z = _draw_mixed_samples(len(coefficients), samples, uncertain.seed)
-    values = map_normal_numbers(np.concatenate(z), medians, coefficients)
-    median = np.array([medians[name] for name in coefficients])
-    motions = len(z) * samples * (len(motion) if isinstance(motion, Suite) else 1)
-    with count_work("samples", motions):
-        answers = _simulate_samples(values, block.one_sided, motion, as_model(model), ratio)
-    shape = (*answers.shape[:2], len(z), samples)
-    answers = np.moveaxis(answers.reshape(shape), 2, 0)
+    normal = _draw_mixed_samples(len(names), samples, uncertain.seed)
+    drawn = dict(
+        zip(names, map_normal_numbers(names, normal, values, variations).T, strict=True)
+    )
+    with count_work(
+        "samples", len(normal) * (len(motion) if isinstance(motion, Suite) else 1)
+    ):
+        answers = _simulate_samples(parameters.build(drawn), motion, as_model(model), ratio)
+    answers = np.moveaxis(answers.reshape(*answers.shape[:2], -1, samples), 2, 0)
     outcomes = answers[0, 1:]
     # Errors estimated from a few samples are none; the peak always has many values.
     happens = outcomes.sum(axis=(1, 2))
     clear = np.minimum(happens, outcomes[0].size - happens) >= _FEWEST
     blank = np.where(clear, 1.0, np.nan)[:, None]
     indices = compute_sobol_indices(answers[0], answers[1], answers[2:])
-    indices = [part * np.concatenate([[[1.0]], blank]) for part in indices]
+    blanks = np.concatenate([[[1.0]], blank])
+    statistics = {name: part * blanks for name, part in indices._asdict().items()}
     # The directions of a record count as one record, by their mean.
     directions = motion.directions if isinstance(motion, Suite) else 1
     by_recording = [np.asarray(average_directions(part, directions)) for part in outcomes]
-    names = uncertain.names
-    scores = compute_scores(names, median, coefficient, z[0])
-    derivatives = [
-        np.array(parts) * blank
-        for score in scores
-        for parts in zip(
-            *(compute_derivatives(outcome, score) for outcome in by_recording),
-            strict=True,
+    inputs = {name: part[:samples] for name, part in drawn.items()}
+    scores = [*map(compute_scores, names, inputs.values(), values, variations)]
+    for kind, score in zip(_CHANGES, zip(*scores, strict=True), strict=True):
+        columns = np.stack(score, axis=1)
+        pairs = np.stack(
+            [compute_derivatives(outcome, columns) for outcome in by_recording], 1
         )
-    ]
+        statistics[kind], statistics[f"{kind}_error"] = pairs * blank
     by_record = outcomes.mean(axis=2).T
     intervals = [
-        compute_interval(probabilities, samples, confidence)
-        for probabilities in (outcome.mean(axis=1) for outcome in by_recording)
+        compute_interval(outcome.mean(axis=1), samples, confidence) for outcome in by_recording
     ]
     low, high = np.array(intervals).T
     words = ("rocks", f"exceeds {float(ratio):g}", "overturns")
@@ -342,63 +314,41 @@ def outcome_probabilities(
         high=high,
         by_record=by_record,
         names=names,
-        median=median,
-        coefficient_of_variation=coefficient,
+        median=values,
+        coefficient_of_variation=variations,
         answers=("peak", *words),
         sources=(*names, "record") if len(by_record) > 1 else names,
-        first=indices[0],
-        first_error=indices[1],
-        total=indices[2],
-        total_error=indices[3],
-        by_median=derivatives[0],
-        by_median_error=derivatives[1],
-        by_coefficient_of_variation=derivatives[2],
-        by_coefficient_of_variation_error=derivatives[3],
-        inputs={name: values[name][:samples] for name in names},
+        inputs=inputs,
         peak=answers[0, 0],
         confidence=float(confidence),
         directions=directions,
+        **statistics,
     )
 
 
-def _draw_mixed_samples(count: int, samples: int, seed: int) -> list[np.ndarray]:
+def _draw_mixed_samples(count: int, samples: int, seed: int) -> np.ndarray:
     """Draw two samples of normal numbers, then the first with a column from the second."""
-    both = draw_normal_numbers(2 * count, samples, seed)
-    first, second = np.split(both, 2, axis=1)
-    mixed = [first, second]
-    for k in range(count):
-        exchanged = first.copy()
-        exchanged[:, k] = second[:, k]
-        mixed.append(exchanged)
-    return mixed
+    first, second = np.split(draw_normal_numbers(2 * count, samples, seed), 2, axis=1)
+    mixed = np.repeat(first[None], count, axis=0)
+    which = np.arange(count)
+    mixed[which, :, which] = second.T
+    return np.concatenate([first, second, *mixed])
 
 
 def _simulate_samples(
-    values: Mapping[str, np.ndarray],
-    one_sided: bool,
-    motion: Motion | Suite,
-    model: RockingModel,
-    ratio: float,
+    at: Mapping[str, Any], motion: Motion | Suite, model: RockingModel, ratio: float
 ) -> np.ndarray:
     """Simulate all samples; peak and outcomes, shape (answers, records, samples)."""
     # Drawn in float64, simulated in the precision that JAX has been set to.
-    blocks = jax.device_put(make_drawn_blocks(values, one_sided))
-    restitution = as_real("restitution", values["restitution"], unit="")
-    scale = np.asarray(as_real("scale", values["scale"], unit=""))
-    group = max(1, _AT_ONCE // restitution.size)
-    if isinstance(motion, Suite):
-        records = list(motion)
-        parts = [Suite(records[k : k + group]) for k in range(0, len(records), group)]
-    else:
-        parts = [change_motion(motion, values)]
+    blocks = jax.device_put(at["block"])
     critical_angle = np.asarray(blocks.critical_angle)
+    restitution, scale = (as_real(name, at[name]) for name in ("restitution", "scale"))
     answers = []
-    for chosen in parts:
-        batch = Batch.of(blocks, restitution, chosen).scaled(scale)
-        batch = replace(batch, until=batch.until + _BEYOND)
-        response = follow_batch(batch, model)
-        records = {"record": chosen.names} if isinstance(chosen, Suite) else {}
-        require_complete(response.complete, **records, sample=None)
+    # One by one: the samples fill the queue, and all records together need not fit into memory.
+    for part in list(motion) if isinstance(motion, Suite) else [change_motion(motion, at)]:
+        batch = Batch.of(blocks, restitution, part).scaled(np.asarray(scale))
+        response = follow_batch(replace(batch, until=batch.until + BEYOND), model)
+        require_complete(response.complete, sample=None)
         rotation = np.asarray(response.peak_rotation) / critical_angle
         overturned = np.asarray(response.overturned)
         rows = [
@@ -407,5 +357,5 @@ def _simulate_samples(
             overturned | (rotation > ratio),
             overturned,
         ]
-        answers.append(np.stack([np.atleast_2d(row).astype(float) for row in rows]))
-    return np.concatenate(answers, axis=1)
+        answers.append(np.stack([row.astype(float) for row in rows]))
+    return np.stack(answers, axis=1)

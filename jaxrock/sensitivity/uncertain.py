@@ -1,38 +1,35 @@
 """Uncertain parameters of blocks and their impacts, and samples of them."""
 
-import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
+import jax
 import numpy as np
-from jaxtyping import PyTree
 
 from ..block import Block
 from ..host import Printed
+from ..impact import read_restitution
 from ..validation import (
     NON_NEGATIVE,
     Number,
     Numbers,
     as_real,
-    carries_unit,
     check,
     check_kind,
     describe,
 )
-from .correlations import Pair, check_correlations, factor_correlations
-from .distributions import find_widths, quantiles
-from .parameters import Answer, ParametricAnswer, make_parametric
-from .samples import (
-    ARGUMENT,
-    draw_normal_numbers,
-    list_medians,
-    make_drawn_blocks,
-    map_normal_numbers,
-    refuse_wide_angles,
-)
+from .distributions import compute_quantiles, draw_normal_numbers
+from .parameters import name_parameters, refuse_name
 
+# Two names, in the order in which the coefficients of variation have them.
+Pair = tuple[str, str]
+
+# Eigenvalues of a singular matrix and pivots of its factor are 0 to rounding.
+_ROUNDING_OF_EIGENVALUES = 1e-12
+_ROUNDING_OF_PIVOTS = 1e-14
+
+ARGUMENT = "coefficients_of_variation"  # of `Uncertain`, for messages
 # Factors on the periods and dampings of all modes of a floor.
 FLOOR_NAMES = ("floor_period", "floor_damping")
 
@@ -66,10 +63,10 @@ class Draws(NamedTuple):
 class Uncertain(Printed, eqx.Module):
     """Uncertain parameters, by coefficients of variation, and how they are sampled.
 
-    Each parameter has a median, its value without uncertainty, and a coefficient of
-    variation. Positive parameters are lognormal, a ``restitution`` or ``damping_ratio`` is
-    logit-normal, all others are normal. They are independent except for the given
-    correlations.
+    Each parameter has a value without uncertainty, and a coefficient of variation. A
+    ``restitution`` or ``damping_ratio`` has a Beta distribution, of which the value is the
+    mean. Positive parameters are lognormal, all others normal, and the value is their median.
+    They are independent except for the given correlations.
 
     Parameters
     ----------
@@ -82,9 +79,10 @@ class Uncertain(Printed, eqx.Module):
         ``floor_damping``, which are common to all modes. Functions that take an `Uncertain`
         list any further names.
     correlations : mapping, optional
-        Correlation coefficients [-], between -1 and 1, by pairs of names: of the logarithms
-        of lognormal parameters, the logits of logit-normal ones, normal ones themselves.
-        Pairs that are not given are uncorrelated. All objects have the same correlations.
+        Correlation coefficients [-], between -1 and 1, by pairs of names: of the standard
+        normal variables from which the parameters follow, for lognormal parameters their
+        logarithms. Pairs that are not given are uncorrelated. All objects have the same
+        correlations.
     samples : int
         Number of samples, a power of 2.
     seed : int
@@ -100,8 +98,8 @@ class Uncertain(Printed, eqx.Module):
     Raises
     ------
     ValueError
-        If a name is not a string; if a coefficient is out of range, has a unit or more than
-        one axis; if `correlations` are not of two different names each, or form no positive
+        If a name is not a string; if a coefficient is out of range or has more than one axis;
+        if `correlations` are not of two different names each, or form no positive
         semi-definite matrix; if `samples` or `seed` are not as above.
 
     Notes
@@ -149,23 +147,20 @@ class Uncertain(Printed, eqx.Module):
             raise ValueError(f"seed must be a whole number from 0 on, got {seed!r:.60}")
         self.names = tuple(checked)
         self.coefficients = tuple(checked.values())
-        self.correlated_pairs = check_correlations(correlations or {}, self.names)
+        self.correlated_pairs = _check_correlations(correlations or {}, self.names)
         self.samples = samples
         self.seed = seed
 
     def __str__(self) -> str:
-        words = [
-            f"{name} {_write_coefficient(value)}"
+        coefficients = [
+            f"{name} "
+            + " to ".join(f"{end:g}" for end in sorted({np.min(value), np.max(value)}))
             for name, value in zip(self.names, self.coefficients, strict=True)
         ]
-        parts = [f"coefficients of variation: {', '.join(words) or 'none'}"]
-        if self.correlated_pairs:
-            pairs = [
-                f"{first} and {second} {value:g}"
-                for (first, second), value in self.correlated_pairs
-            ]
-            parts.append(f"correlations: {', '.join(pairs)}")
-        return "; ".join([*parts, f"{self.samples} samples, seed {self.seed}"])
+        pairs = [f"{' and '.join(pair)} {value:g}" for pair, value in self.correlated_pairs]
+        text = f"coefficients of variation: {', '.join(coefficients) or 'none'}; "
+        text += f"correlations: {', '.join(pairs)}; " if pairs else ""
+        return f"{text}{self.samples} samples, seed {self.seed}"
 
     @property
     def coefficients_of_variation(self) -> dict[str, float | np.ndarray]:
@@ -195,7 +190,7 @@ class Uncertain(Printed, eqx.Module):
         """
         if not self.correlated_pairs:
             return normal
-        return normal @ factor_correlations(self.correlated_pairs, self.names).T
+        return normal @ _factor_correlations(self.correlated_pairs, self.names).T
 
     def draw(self, block: Block, restitution: Number, *, on_floor: bool = False) -> Draws:
         """Draw samples of a block, or of each of many, by scrambled Sobol points.
@@ -206,7 +201,7 @@ class Uncertain(Printed, eqx.Module):
         Parameters
         ----------
         block, restitution : Block, array_like, shape () or (objects,)
-            The medians.
+            Without uncertainty.
         on_floor : bool
             Whether there is a floor, whose period and damping may be uncertain.
 
@@ -219,10 +214,10 @@ class Uncertain(Printed, eqx.Module):
         ------
         ValueError
             If a name is no parameter, or names a floor although there is none; if
-            descriptions of a size are mixed; if medians have more than one axis, or
+            descriptions of a size are mixed; if blocks have more than one axis, or
             coefficients are not one for each object; if an inertia ratio falls below 1, or a
             critical angle reaches pi / 2; if the coefficient of variation of a restitution is
-            too large: above 0 at a median of 1, or so large that the density has two peaks.
+            above 0 at a mean of 1, or so large that the density has two peaks.
 
         Examples
         --------
@@ -230,118 +225,158 @@ class Uncertain(Printed, eqx.Module):
         >>> uncertain = jr.Uncertain({"restitution": 0.05}, samples=4)
         >>> draws = uncertain.draw(jr.Block(0.4, 5.0), 0.8)
         >>> print(draws.restitution.round(3))
-        [0.791 0.826 0.806 0.756]
+        [0.793 0.829 0.808 0.759]
         """
-        parameters = list_medians(block, restitution, self.names)
-        of_floor = [name for name in self.names if name in FLOOR_NAMES]
-        if of_floor and not on_floor:
+        check_kind("block", block, Block)
+        floor_names = [name for name in self.names if name in FLOOR_NAMES]
+        if floor_names and not on_floor:
             raise ValueError(
-                f"{ARGUMENT} has {of_floor[0]!r}, but the suite is on no floor whose period and"
+                f"{ARGUMENT} has {floor_names[0]!r}, but the suite is on no floor whose period and"
                 " damping are known; Suite.on_floor puts it on one"
             )
-        if of_floor:
-            parameters |= dict.fromkeys(FLOOR_NAMES, np.ones(()))
-        medians = np.broadcast_arrays(*parameters.values())
-        shape = medians[0].shape
+        at = {"block": block, "restitution": read_restitution(block, restitution)}
+        at |= dict.fromkeys(FLOOR_NAMES if floor_names else (), 1.0)
+        parameters = name_parameters(at, self.names, ARGUMENT)
+        shape = np.broadcast_shapes(*(np.shape(value) for value in parameters.values))
         if len(shape) > 1 or shape == (0,):
             raise ValueError(
                 "block and restitution must be single or have one axis, of at least one"
                 f" object, got shape {shape}"
             )
-        for name, values in zip(self.names, self.coefficients, strict=True):
-            if isinstance(values, tuple) and (len(values),) != shape:
-                raise ValueError(
-                    f"{ARGUMENT} of {name} must be one number, or one for each object, got"
-                    f" {len(values)} for objects of shape {shape}"
-                )
         independent = draw_normal_numbers(len(self.names), self.samples, self.seed)
         normal = self.correlate(independent)
-        # Object by object: the last digit of an exponential may depend on its place in the
-        # array.
-        rows = np.stack(medians, axis=-1).reshape(-1, len(medians)).tolist()
-        drawn = [
-            map_normal_numbers(
-                normal, dict(zip(parameters, row, strict=True)), self._select(k)
-            )
-            for k, row in enumerate(rows)
-        ]
+        full = (*shape, self.samples)
         samples = {
-            name: np.stack([sample[name] for sample in drawn]).reshape(*shape, self.samples)
-            for name in parameters
+            name: np.broadcast_to(np.expand_dims(value, -1), full)
+            for name, value in zip(parameters.names, parameters.values, strict=True)
         }
-        drawn_blocks = make_drawn_blocks(samples, block.one_sided)
-        floor = FloorFactors(*(samples[name] for name in FLOOR_NAMES)) if of_floor else None
-        return Draws(drawn_blocks, samples["restitution"], normal, floor)
-
-    def _select(self, number: int) -> dict[str, float]:
-        """Select the coefficients of one object, by name."""
-        return {
-            name: value[number] if isinstance(value, tuple) else value
-            for name, value in zip(self.names, self.coefficients, strict=True)
-        }
-
-
-def make_uncertain_answer(
-    answer: Answer, at: PyTree, uncertain: Uncertain
-) -> tuple[ParametricAnswer, np.ndarray]:
-    """Make an answer a function of independent standard normal numbers, and draw these.
-
-    Correlations are within the function.
-    """
-    coefficients = list_single_coefficients(uncertain)
-    function = make_parametric(answer, at, ARGUMENT, uncertain.names)
-    medians = np.asarray(function.values)[list(function.varied)]
-    widths = find_widths(uncertain.names, medians, np.array(list(coefficients.values())))
-    width, bounded = map(jnp.asarray, widths)
-    normal = draw_normal_numbers(len(coefficients), uncertain.samples, uncertain.seed)
-    samples = np.asarray(quantiles(uncertain.correlate(normal), medians, *widths))
-    for critical_angle in function.get_size_names("dynamics")[::2]:
-        if critical_angle in uncertain.names:
-            column = uncertain.names.index(critical_angle)
-            refuse_wide_angles(critical_angle, samples[:, column])
-    factor = None
-    if uncertain.correlated_pairs:
-        factor = jnp.asarray(factor_correlations(uncertain.correlated_pairs, uncertain.names))
-    function = dataclasses.replace(function, distribution=(width, bounded), factor=factor)
-    return function, normal
+        for k, (name, variation) in enumerate(self.coefficients_of_variation.items()):
+            if np.shape(variation) not in ((), shape):
+                raise ValueError(
+                    f"{ARGUMENT} of {name} must be one number, or one for each object, got"
+                    f" {np.size(variation)} for objects of shape {shape}"
+                )
+            samples[name] = compute_quantiles(
+                name, normal[:, k], samples[name], np.expand_dims(variation, -1)
+            )
+        drawn = parameters.build(samples)
+        drawn = jax.tree.map(lambda leaf: np.broadcast_to(leaf, full), drawn)
+        floor = FloorFactors(*(drawn[name] for name in FLOOR_NAMES)) if floor_names else None
+        return Draws(drawn["block"], drawn["restitution"], normal, floor)
 
 
-def list_single_coefficients(uncertain: Uncertain) -> dict[str, float]:
+def list_single_coefficients(uncertain: Uncertain) -> np.ndarray:
     """List the coefficients of variation; a `ValueError` if one is an array."""
     check_kind("uncertain", uncertain, Uncertain)
-    coefficients = dict[str, float]()
     for name, value in uncertain.coefficients_of_variation.items():
-        if isinstance(value, np.ndarray):
+        if np.ndim(value):
             raise ValueError(
-                f"{ARGUMENT} of {name} must be one number here, got {value.size} of them"
+                f"{ARGUMENT} of {name} must be one number here, got {np.size(value)} of them"
             )
-        coefficients[name] = value
-    return coefficients
+    return np.array(uncertain.coefficients)
 
 
 def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[float, ...]]:
     """Return a name and its coefficients as plain numbers; `ValueError` if not allowed."""
     if not isinstance(name, str):
         raise ValueError(f"{ARGUMENT} must have names as keys, got {describe(name)}")
-    # A unit would be lost: a name of a parameter does not tell its own.
-    if carries_unit(value):
-        raise ValueError(
-            f"{ARGUMENT} of {name} must be numbers without a unit, got {describe(value)}"
-        )
-    checked = np.asarray(as_real(f"{ARGUMENT} of {name}", value))
+    subject = f"{ARGUMENT} of {name}"
+    check(subject, as_real(subject, value), NON_NEGATIVE)
     # In float64, also where JAX computes in float32.
     values = np.asarray(value, float)
-    if checked.ndim > 1 or not checked.size:
+    if values.ndim > 1 or not values.size:
         raise ValueError(
-            f"{ARGUMENT} of {name} must be one number, or one for each object, got an array"
-            f" of shape {checked.shape}"
+            f"{subject} must be one number, or one for each object, got an array of shape"
+            f" {values.shape}"
         )
-    check(f"{ARGUMENT} of {name}", values, NON_NEGATIVE)
-    return str(name), float(values) if not values.ndim else tuple(values.tolist())
+    return str(name), tuple(values.tolist()) if values.ndim else values.item()
 
 
-def _write_coefficient(value: float | tuple[float, ...]) -> str:
-    """Write one coefficient, or the least and the largest of all objects."""
-    if isinstance(value, tuple):
-        return f"{min(value):g} to {max(value):g}"
-    return f"{value:g}"
+def _check_correlations(
+    correlations: Mapping[Pair, Number], names: Sequence[str]
+) -> tuple[tuple[Pair, float], ...]:
+    """Check correlations, and list them in the order of the names.
+
+    A correlation of 0 is left out: all pairs that are not listed are uncorrelated.
+
+    Raises
+    ------
+    ValueError
+        If a pair is not one of two different names, or there in both orders; if a correlation
+        is not a number between -1 and 1; if no numbers are correlated like this.
+    """
+    check_kind("correlations", correlations, Mapping)
+    coefficients = dict[Pair, float]()
+    for key, value in correlations.items():
+        if not isinstance(key, tuple) or len(set(key)) != 2:
+            raise ValueError(
+                f"correlations must have pairs of different names as keys, got {describe(key)}"
+            )
+        for name in key:
+            if name not in names:
+                refuse_name(name, names, "correlations")
+        first, second = sorted(map(str, key), key=names.index)
+        subject = f"correlations of {first} and {second}"
+        coefficient = as_real(subject, value)
+        if coefficient.ndim or not -1 <= coefficient <= 1:
+            raise ValueError(
+                f"{subject} must be a number between -1 and 1, got {describe(value)}"
+            )
+        if (first, second) in coefficients:
+            raise ValueError(
+                f"correlations must have each pair once, got {first} and {second}"
+            )
+        coefficients[first, second] = np.asarray(value, float).item()
+    listed = sorted(
+        ((pair, value) for pair, value in coefficients.items() if value),
+        key=lambda entry: [names.index(name) for name in entry[0]],
+    )
+    matrix = _make_matrix(listed, names)
+    smallest = np.linalg.eigvalsh(matrix).min() if listed else 1.0
+    if smallest < -_ROUNDING_OF_EIGENVALUES:
+        raise ValueError(
+            "correlations must form a positive semi-definite matrix, got one with the"
+            f" eigenvalue {smallest:.3g}: no variables have such correlations"
+        )
+    return tuple(listed)
+
+
+def _factor_correlations(
+    correlations: Collection[tuple[Pair, float]], names: Sequence[str]
+) -> np.ndarray:
+    """Factor the matrix of correlations, which may be singular, by Cholesky's method.
+
+    Parameters
+    ----------
+    correlations : tuple
+        As `_check_correlations` lists them.
+    names : sequence of str
+
+    Returns
+    -------
+    ndarray, shape (names, names)
+        Lower triangular. Its product with independent standard normal numbers are standard
+        normal numbers with these correlations; the row of a name that is correlated with none
+        before it has a 1 on the diagonal and nothing else.
+    """
+    matrix = _make_matrix(correlations, names)
+    factor = np.zeros_like(matrix)
+    for k in range(len(names)):
+        remainder = matrix[k:, k] - factor[k:, :k] @ factor[k, :k]
+        # A number that those before it decide has no part of its own.
+        if remainder[0] > _ROUNDING_OF_PIVOTS:
+            factor[k:, k] = remainder / remainder[0] ** 0.5
+    return factor
+
+
+def _make_matrix(
+    correlations: Collection[tuple[Pair, float]], names: Sequence[str]
+) -> np.ndarray:
+    """Make the symmetric matrix of correlations, shape (names, names)."""
+    matrix = np.eye(len(names))
+    for (first, second), coefficient in correlations:
+        row = names.index(first)
+        column = names.index(second)
+        matrix[row, column] = coefficient
+        matrix[column, row] = coefficient
+    return matrix

@@ -146,12 +146,6 @@ def of_scene(name, answer, *arguments):
     return lambda: f(answer, scene, *arguments)
 
 
-def uncertain():
-    import jaxrock as jr
-
-    return jr.Uncertain({"intensity": 0.1, "restitution": 0.05}, samples=2048)
-
-
 def slopes():
     import jax.numpy as jnp
 
@@ -249,7 +243,6 @@ def same(bar):
     return (bar, bar)
 
 
-RANGES = {"intensity": (0.1, 0.2), "restitution": (0.6, 0.8)}
 CASES = {
     "rotation_ratio": Case(lambda: closed("rotation_ratio")),
     "grad of rotation_ratio": Case(lambda: closed("rotation_ratio", True)),
@@ -269,14 +262,6 @@ CASES = {
     "timing_costs": Case(lambda: called(of_wall("timing_costs", 3)), same(2), same(0.1)),
     "sensitivities": Case(
         lambda: of_scene("sensitivities", "rotation_ratio"), following=same(0.01)
-    ),
-    "failure_probability": Case(
-        lambda: of_scene("failure_probability", "overturning_margin", uncertain()),
-        following=same(0.05),
-    ),
-    "derivative_based_measures": Case(
-        lambda: of_scene("derivative_based_measures", "rotation_ratio", RANGES),
-        following=same(0.05),
     ),
     "value_and_slopes": Case(slopes),
     "resonance_spectrum": Case(spectrum),

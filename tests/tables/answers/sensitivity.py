@@ -8,7 +8,6 @@ from .half_cycle_map import spread
 from .table import group, list_fields
 
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
-VERGE = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.28)
 UNCERTAIN = jr.Uncertain(
     {"half_width": 0.03, "restitution": 0.02, "intensity": 0.05}, samples=256, seed=2
 )
@@ -44,27 +43,6 @@ def propagate_uncertainty():
     )
     yield from list_fields(found, names)
     yield "variance_fractions", list(found.variance_fractions.values())
-    samples = jr.sensitivity.monte_carlo(jr.rotation_ratio, WALL, UNCERTAIN)
-    yield "monte_carlo", samples[::16]
-
-
-@group("sensitivity/reliability", 1e-8)
-def estimate_failure():
-    found = jr.sensitivity.failure_probability(jr.overturning_margin, VERGE, UNCERTAIN)
-    yield from list_fields(
-        found, "probability first_order_probability reliability_index misjudged status"
-    )
-    yield "most_likely", list(found.most_likely.values())
-
-
-@group("sensitivity/ranges", 1e-10)
-def measure_over_ranges():
-    ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.7), "intensity": (0.1, 0.16)}
-    found = jr.sensitivity.derivative_based_measures(
-        jr.rotation_ratio, WALL, ranges, samples=256, seed=1
-    )
-    names = "names mean_slope measure bound mean standard_deviation left_out"
-    yield from list_fields(found, names)
 
 
 @group("sensitivity/draws", 1e-11, by_default=True)
@@ -115,7 +93,7 @@ def vary_driven_parameters():
 @group("sensitivity/local_dependence", 1e-7)
 def depend_locally():
     names = (
-        "names at value overturned factor_low factor_high factor_range meaningful derivatives"
+        "names at value overturned factor_low factor_high meaningful derivatives"
         " elasticities explained_variance mean standard_deviation left_out"
     )
     parameters = ("width", "height", "restitution", "amplitude", "duration")
