@@ -81,16 +81,16 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     Examples
     --------
     >>> import jaxrock as jr
-    >>> wall = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
+    >>> wall = jr.Scene(jr.Block(0.4, 6.0), restitution=0.7, intensity=0.15)
     >>> print(jr.sensitivities(jr.rotation_ratio, wall))
-    0.123215
+    0.15161
                                                 at    derivative    elasticity
-    half-width at this slenderness             0.4     -0.329681      -1.07027
-    slenderness                                  5     0.0280581       1.13859
-    gravity                                   9.81    -0.0134427      -1.07027
-    inertia ratio                          1.33333    -0.0989044      -1.07027
-    restitution                                0.7       0.87915       4.99457
-    intensity                                 0.15        1.7583       2.14053
+    half-width at this slenderness             0.4     -0.412892      -1.08935
+    slenderness                                  6     0.0287624       1.13828
+    gravity                                   9.81    -0.0168356      -1.08935
+    inertia ratio                          1.33333     -0.123868      -1.08935
+    restitution                                0.7       1.10105       5.08364
+    intensity                                 0.15       2.20209        2.1787
     """
     by = "sides" if sides else "shape"
     parameters = name_single_parameters(answer, at, None, "", by=by)
@@ -100,7 +100,7 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
     # warning.
     with np.errstate(divide="ignore", invalid="ignore"):
-        elasticity = gradient * x / y
+        elasticity = gradient * x.astype(gradient.dtype) / y
     return Sensitivities(names, x, float(y), gradient, elasticity, hessian)
 
 
