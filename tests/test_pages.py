@@ -239,7 +239,8 @@ def test_the_study_by_workers_runs_and_is_continued(tmp_path):
     assert len(flags[0]) == 3
     assert flags[0] == flags[1]
     with xarray.open_zarr(tmp_path / "spectrum.zarr") as found:
-        assert dict(found.sizes) == {"slenderness": 1401, "width": 181, "restitution": 9}
+        sizes = dict(found.rotation_ratio.sizes)
+        assert sizes == {"slenderness": 1401, "width": 181, "restitution": 9}
 
 
 def test_the_recipe_asks_for_what_the_package_asks_for():
