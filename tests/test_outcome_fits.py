@@ -450,10 +450,11 @@ def test_the_uncertain_block_is_that_of_the_population():
     medians = np.median(coordinates, axis=1)
     # 256 Sobol points: a mean is right to some hundredths of a standard deviation. The
     # restitution is mapped by a coefficient of variation, a little rounded.
+    # The restitution of the population is the mean of a Beta distribution, near its median.
     np.testing.assert_allclose(
-        (medians - list_coordinates(population)) / deviations, 0, atol=0.05
+        (medians - list_coordinates(population)) / deviations, 0, atol=0.15
     )
-    np.testing.assert_allclose(coordinates.std(axis=1), deviations, rtol=0.05)
+    np.testing.assert_allclose(coordinates.std(axis=1), deviations, rtol=0.1)
     correlations = total / deviations / deviations[:, None]
     np.testing.assert_allclose(np.corrcoef(coordinates), correlations, atol=0.05)
 
