@@ -75,7 +75,7 @@ def bars_of(*answers):
     middle, *pairs = answers
     names = ("slenderness", "half_width", "a parameter that somebody named at great length")
     ranges = dict.fromkeys(names[: len(pairs)], (0.12345, 12345.6))
-    return arrange_bars(np.array([middle, *np.ravel(pairs)]), ranges, ())
+    return arrange_bars(np.array([middle, *np.ravel(pairs)]), ranges)
 
 
 def map_of(values):
