@@ -1,6 +1,5 @@
 """Quantities along which boundaries are sought, and the motions that are simulated for it."""
 
-from collections.abc import Callable
 from types import UnionType
 from typing import NamedTuple
 
@@ -14,15 +13,12 @@ from ..driven import Batch, BatchResponse, GroundMotions, follow_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..impact import read_restitution
 from ..resonance import ModelLike, as_model
+from ..tables import QUANTITIES
 from ..tables import UNITS as ALL_UNITS
 from ..validation import (
-    AT_LEAST_ONE,
     FINITE,
     NON_NEGATIVE,
-    POSITIVE,
-    UNIT_INTERVAL,
     AnyArray,
-    Domain,
     Number,
     Numbers,
     as_name,
@@ -76,69 +72,20 @@ class Subject(eqx.Module):
     motion: Pulse | Harmonic | GroundMotions
 
 
-class _Quantity(NamedTuple):
-    """A quantity along which boundaries are sought.
-
-    Attributes
-    ----------
-    domain : Domain
-        Its values.
-    motions : class, or union of classes
-        The motions that have it.
-    replace : function
-        Takes a subject and a value, and returns the subject with that value.
-    """
-
-    domain: Domain
-    motions: type[Motion] | UnionType
-    replace: Callable[[Subject, AnyArray], Subject]
-
-
-def _replace_strength(subject: Subject, value: AnyArray) -> Subject:
-    """Replace the factor on a record, or the amplitude of any other motion."""
-    name = "factor" if isinstance(subject.motion, GroundMotions) else "amplitude"
-    return eqx.tree_at(lambda s: getattr(s.motion, name), subject, value)
-
-
-def _multiply_strength(subject: Subject, value: AnyArray) -> Subject:
-    """Multiply the strength that the motion has."""
-    motion = subject.motion
-    strength = motion.factor if isinstance(motion, GroundMotions) else motion.amplitude
-    return _replace_strength(subject, strength * value)
-
-
-def _replace_in_motion(name: str) -> Callable[[Subject, AnyArray], Subject]:
-    return lambda subject, value: eqx.tree_at(
-        lambda s: getattr(s.motion, name), subject, value
-    )
-
-
-def _replace_in_block(name: str) -> Callable[[Subject, AnyArray], Subject]:
-    """Make a function that replaces a parameter of the block, as `change_block` does."""
-    return lambda subject, value: eqx.tree_at(
-        lambda s: s.block, subject, change_block(subject.block, name, value)
-    )
-
-
-_QUANTITIES = {
-    "amplitude": _Quantity(FINITE, Pulse | Harmonic, _replace_strength),
-    "duration": _Quantity(POSITIVE, Pulse, _replace_in_motion("duration")),
-    "frequency": _Quantity(POSITIVE, Harmonic, _replace_in_motion("frequency")),
-    "factor": _Quantity(NON_NEGATIVE, Motion, _multiply_strength),
-    **{
-        name: _Quantity(POSITIVE, Motion, _replace_in_block(name)) for name in (*SHAPE, *SIDES)
-    },
-    "inertia_ratio": _Quantity(AT_LEAST_ONE, Motion, _replace_in_block("inertia_ratio")),
-    "restitution": _Quantity(
-        UNIT_INTERVAL,
-        Motion,
-        lambda subject, value: eqx.tree_at(lambda s: s.restitution, subject, value),
-    ),
+# Motions that have a quantity of their own; all others are of the block and its impacts.
+_MOTIONS: dict[str, type[Motion] | UnionType] = {
+    "amplitude": Pulse | Harmonic,
+    "duration": Pulse,
+    "frequency": Harmonic,
+    "factor": Motion,
 }
+_NAMES = (*_MOTIONS, *SHAPE, *SIDES, "inertia_ratio", "restitution")
+# Where a search may go that an axis of a dataset may not, or the other way round.
+_DOMAINS = {"amplitude": FINITE, "factor": NON_NEGATIVE}
 
 
 # Of ratios none is printed.
-UNITS = {name: ALL_UNITS[name] for name in _QUANTITIES if ALL_UNITS[name] != "-"}
+UNITS = {name: ALL_UNITS[name] for name in _NAMES if ALL_UNITS[name] != "-"}
 
 
 def format_value(along: str, value: float) -> str:
@@ -156,10 +103,10 @@ def check_subject(
     check_kind("block", block, Block)
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     single = motion[0] if isinstance(motion, Suite) else motion
-    allowed = [name for name, its in _QUANTITIES.items() if isinstance(single, its.motions)]
+    allowed = [name for name in _NAMES if isinstance(single, _MOTIONS.get(name, Motion))]
     along = as_name("along", along, allowed)
     places = as_real("values", values)
-    check("values", places, _QUANTITIES[along].domain)
+    check("values", places, _DOMAINS.get(along, QUANTITIES[along].domain))
     restitution = read_restitution(block, restitution)
     if isinstance(single, Record) and single.acceleration.ndim > 1:
         raise ValueError("motion must be one record, got an array of them")
@@ -191,7 +138,17 @@ def split_parameters(subject: Subject) -> tuple[Subject, Subject]:
 def set_quantity(subject: Subject, value: AnyArray, search: Search) -> Subject:
     """Give a subject a value of the quantity that the search is along."""
     # Checked nowhere: `check_subject` has checked all values.
-    return _QUANTITIES[search.along].replace(subject, value)
+    along = search.along
+    if along == "restitution":
+        return eqx.tree_at(lambda s: s.restitution, subject, value)
+    if along not in _MOTIONS:
+        block = change_block(subject.block, along, value)
+        return eqx.tree_at(lambda s: s.block, subject, block)
+    name = along
+    if along == "factor":
+        name = "factor" if isinstance(subject.motion, GroundMotions) else "amplitude"
+        value = value * getattr(subject.motion, name)
+    return eqx.tree_at(lambda s: getattr(s.motion, name), subject, value)
 
 
 def respond_at(

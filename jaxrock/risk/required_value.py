@@ -16,12 +16,12 @@ from ..host import Printed, format_fields
 from ..impact import read_restitution
 from ..overturning import UNITS
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..tables import QUANTITIES
 from ..validation import (
     AT_LEAST_ONE,
     POSITIVE,
     UNIT_INTERVAL,
     AnyArray,
-    Domain,
     Integers,
     Number,
     Reals,
@@ -39,12 +39,8 @@ from .outcome_table import CLOSE, EXACT, compute_outcomes
 from .overturning_rate import overturning_rate
 from .site import Site
 
-# What may be designed, and the values that it may have.
-_QUANTITIES: dict[str, Domain] = {
-    **dict.fromkeys(("width", "height", "half_width", "slenderness"), POSITIVE),
-    "inertia_ratio": AT_LEAST_ONE,
-    "restitution": UNIT_INTERVAL,
-}
+# Parameters that may be designed.
+_NAMES = ("width", "height", "half_width", "slenderness", "inertia_ratio", "restitution")
 # Relative distance of neighbouring values at a crossing.
 _RESOLUTION = 5e-3
 # Two derivatives of the rate, at the value and over 5 % to either side of it, that differ by
@@ -174,12 +170,12 @@ def required_value(
     >>> print(jr.required_value(cabinet, 0.8, site, 1e-3, "width", (0.2, 1.0)))
     0.446391 m, width at this height: from there on the rate stays below 0.001 1/yr
     """
-    along = as_name("along", along, _QUANTITIES)
+    along = as_name("along", along, _NAMES)
     check_kind("site", site, Site)
     target = as_real("target", target)
     check("target", target, POSITIVE)
     for bound in bounds:
-        check("bounds", as_real("bounds", bound), _QUANTITIES[along])
+        check("bounds", as_real("bounds", bound), QUANTITIES[along].domain)
     low, high = (np.asarray(bound, float) for bound in bounds)
     if not (low < high).all():
         raise ValueError(f"bounds must be a lower and a higher value, got {low} and {high}")
@@ -262,7 +258,7 @@ def _differentiate_value(
 
     # No value, or one at a bound because there is no crossing, does not move.
     still = ~jnp.isfinite(value) | (answer.count == 0)
-    domain = _QUANTITIES[along]
+    domain = QUANTITIES[along].domain
     around = jnp.clip(
         jnp.stack([safe * (1 - _OVER), safe * (1 + _OVER)]),
         1.0 if domain is AT_LEAST_ONE else 0.0,
