@@ -69,7 +69,7 @@ CODE_LINES = {
     "driven": 3342,
     "steady": 999,
     "overturning": 649,
-    "sensitivity": 1172,
+    "sensitivity": 1175,
     "calibration": 1048,
     "calibration/outcomes": 950,
     "accuracy": 453,

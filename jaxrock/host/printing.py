@@ -120,5 +120,5 @@ def format_fields(result: object, **units: str) -> str:
     """
     texts = {name: format_number(getattr(result, name), unit) for name, unit in units.items()}
     texts["status"] = describe_status(getattr(result, "status", Status.COMPLETE))
-    lines = (f"{name.replace('_', ' '):20}{text}" for name, text in texts.items() if text)
+    lines = (f"{name.replace('_', ' '):19} {text}" for name, text in texts.items() if text)
     return "\n".join(lines)

@@ -47,17 +47,19 @@ class MomentEstimate(Printed):
     left_out: float
 
     def __str__(self) -> str:
-        names = [name for name, value in vars(self).items() if value != {}]
-        return format_fields(self, **dict.fromkeys(names, ""))
+        fractions = [f"{name} {part:.6g}" for name, part in self.variance_fractions.items()]
+        names = [name for name in vars(self) if name != "variance_fractions"]
+        lines = [format_fields(self, **dict.fromkeys(names, ""))]
+        lines += [f"variance fractions  {', '.join(fractions)}"] * bool(fractions)
+        return "\n".join(lines)
 
 
 def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     """Estimate mean and standard deviation of an answer to second order.
 
     Samples check whether the second-order expansion describes the answer. Only the difference
-    between answer and expansion is sampled, so that 1,024 samples suffice.
-    With the default of 64 an estimate
-    counts as within tolerance only if the answer is nearly quadratic.
+    between answer and expansion is sampled, so that 1,024 samples suffice. With the default of
+    64 an estimate counts as within tolerance only if the answer is nearly quadratic.
 
     Parameters
     ----------
