@@ -110,8 +110,10 @@ def find_rooms():
 
 
 def skip(app, what, name, obj, *_):
-    """Whether a name of a package is left out, since it is described at the top."""
+    """Whether a name is left out, since its class or the top describes it."""
     room = app.env.docname.rpartition("/")[2]
+    if type(obj).__name__ == "_tuplegetter":  # a field, which the class describes already
+        return True
     if room == "top":
         return None
     at_top = name in jaxrock.__all__ and getattr(jaxrock, name) is obj
