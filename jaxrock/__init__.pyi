@@ -31,7 +31,6 @@ from .ground_motion import Record as Record
 from .ground_motion import Rectangular as Rectangular
 from .ground_motion import Ricker as Ricker
 from .ground_motion import Sine as Sine
-from .ground_motion import Still as Still
 from .ground_motion import Suite as Suite
 from .ground_motion import example_record as example_record
 from .ground_motion import example_suite as example_suite

@@ -10,14 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .body import RECTANGLE_INERTIA_RATIO as RECTANGLE_INERTIA_RATIO
-from .body import (
-    compute_dynamics,
-    compute_shape,
-    compute_size,
-    fraction_in_centre,
-    is_of_numpy,
-    resolve_size,
-)
+from .body import compute_shape, compute_size, fraction_in_centre
 from .host import Printed, format_number, format_outside
 from .numerics import angle
 from .validation import (
@@ -173,14 +166,12 @@ class Block(Printed, Checked):
         ValueError
             If a concrete value is out of range. A traced one gives NaN.
         """
-        width = as_real("width", width, unit="m")
-        height = as_real("height", height, unit="m")
-        check("width", width, POSITIVE)
-        check("height", height, POSITIVE)
-        warn_of_size("width", width)
-        warn_of_size("height", height)
-        sides = {"width": width, "height": height}
-        parameters = {**sides, "gravity": gravity, "inertia_ratio": inertia_ratio}
+        parameters = {"gravity": gravity, "inertia_ratio": inertia_ratio}
+        for name, value in (("width", width), ("height", height)):
+            size = as_real(name, value, unit="m")
+            check(name, size, POSITIVE)
+            warn_of_size(name, size)
+            parameters[name] = size
         return block_of(parameters, one_sided)
 
     @classmethod
@@ -357,7 +348,7 @@ def size_of(block: Block, by: SizeDescription) -> dict[str, AnyArray | np.floati
     Parameters
     ----------
     block : Block
-        Leaves of NumPy give numbers of NumPy, for which nothing is compiled.
+        Leaves of NumPy give width and height in NumPy, for which nothing is compiled.
     by : {"sides", "shape", "dynamics"}
         Whether the size is ``width`` and ``height`` [m], or ``half_width`` [m] and
         ``slenderness`` [-], or ``critical_angle`` [rad] and ``frequency_parameter`` [1/s].
@@ -367,13 +358,11 @@ def size_of(block: Block, by: SizeDescription) -> dict[str, AnyArray | np.floati
     dict of Array
         The two parameters of the size, ``gravity`` [m/s2], ``inertia_ratio`` [-]; in order.
     """
-    size: dict[str, AnyArray | np.floating]
-    size = {"half_width": block.half_width, "slenderness": block.slenderness}
     if by == "sides":
         width = 2 * block.half_width
         size = {"width": width, "height": width * block.slenderness}
-    elif by == "dynamics":
-        size = dict(zip(DYNAMICS, compute_dynamics(*jax.tree.leaves(block)), strict=True))
+    else:
+        size = {name: getattr(block, name) for name in SIZE_NAMES[by]}
     return {**size, "gravity": block.gravity, "inertia_ratio": block.inertia_ratio}
 
 
@@ -390,7 +379,7 @@ def block_of(parameters: Mapping[str, Number], one_sided: bool) -> Block:
     Returns
     -------
     Block
-        With leaves of NumPy where all parameters are of NumPy, else of JAX.
+        With leaves of NumPy where the numbers it has as fields are of NumPy, else of JAX.
 
     Raises
     ------
@@ -402,14 +391,14 @@ def block_of(parameters: Mapping[str, Number], one_sided: bool) -> Block:
         slenderness = parameters["height"] / parameters["width"]
     elif "critical_angle" in parameters:
         names = ("frequency_parameter", "critical_angle", "gravity", "inertia_ratio")
-        half_width, slenderness = resolve_size(*(parameters[name] for name in names))
+        half_width, slenderness = compute_size(*(parameters[name] for name in names))
     else:
         half_width = parameters["half_width"]
         slenderness = parameters["slenderness"]
     # Gravity and the inertia ratio have one description.
     numbers = (half_width, slenderness, parameters["gravity"], parameters["inertia_ratio"])
     block = Block(*numbers, one_sided=one_sided)
-    if is_of_numpy(*numbers):
+    if all(isinstance(number, np.ndarray | np.generic) for number in numbers):
         # A block moves its numbers to the device, where each operation on them would compile a
         # program for each shape.
         return jax.tree.unflatten(jax.tree.structure(block), numbers)

@@ -58,15 +58,15 @@ def test_imports_go_upwards_through_faces(path):
 # Code lines of each room: neither blank, comment nor docstring. These numbers may fall and not rise:  # noqa: E501
 # whoever adds to a room takes as much away from it, and whoever makes it smaller lowers its number.
 CODE_LINES = {
-    "block, body, impact, faces": 377,
+    "block, body, impact, faces": 339,
     "validation": 340,
     "host": 242,
     "tables": 415,
     "numerics": 768,
     "resonance": 1829,
-    "ground_motion": 1470,
+    "ground_motion": 1121,
     "ground_motion/files": 928,
-    "driven": 3342,
+    "driven": 3340,
     "steady": 999,
     "overturning": 649,
     "sensitivity": 1175,

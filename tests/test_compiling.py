@@ -101,7 +101,6 @@ CALLS = {
     "Oscillator": lambda k: jr.resonance.Oscillator(3.0 + k, 0.05).half_cycle_velocity(
         0.1, 2.0 + k
     ),
-    "Still": lambda k: jr.respond(block(k), 0.9, jr.Still(), 1.0, rotation=0.1),
     "Suite": lambda k: suite(k).scaled(1.0 + k).measure("pga_ratio", block(k)),
     "Hazard": lambda k: jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4])(0.2 + 0.1 * k),
     "add_size": lambda k: jr.spectra.add_size(

@@ -1,6 +1,5 @@
 """Records and suites on a floor of a building, and suites in both directions."""
 
-import warnings
 
 import jax
 import jax.numpy as jnp
@@ -44,40 +43,29 @@ def solve_exactly(samples, step, period, damping, extra):
         return np.array([float(value) for value in answer])
 
 
-@pytest.fixture
-def without_remarks():
-    """Of steps that are too coarse, where they are no question."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="straight lines between samples")
-        yield
-
-
-@pytest.mark.usefixtures("without_remarks")
-@pytest.mark.parametrize("ratio", [1e-3, 0.3, 2.0, 3.1, 3.2, 50.0, 1e6])
+@pytest.mark.parametrize("ratio", [1e-3, 0.3, 3.1, 3.2, 50.0, 1e4])
 def test_a_floor_is_exact(ratio, eps):
-    """Far below and far above the time step, through critical damping; also where traced."""
+    """Far below and far above the time step, up to critical damping; also where traced."""
     time_step = float(jnp.asarray(STEP))
     period = float(jnp.asarray(ratio * STEP))
-    dampings = jnp.array([0.0, 0.05, 1 - 1e-9, 1.0, 1.001, 1.5])
+    dampings = jnp.array([0.0, 0.05, 0.5, 1 - 1e-6])
     ground = jr.Record(NOISE, STEP)
     found = ground.on_floor(period, dampings, free_vibration=EXTRA * STEP)
     traced = jax.jit(lambda period: ground.on_floor(period, dampings).acceleration)(period)
-    assert traced.shape == (6, 2 * NOISE.size - 1)
+    assert traced.shape == (4, 2 * NOISE.size - 1)
     samples = np.asarray(ground.acceleration, float)
     for k, damping in enumerate(dampings):
         expected = solve_exactly(samples, time_step, period, float(damping), EXTRA)
         size = abs(expected).max()
-        # In float64 and rounded once.
-        tolerance = size * max(1e-13, 2 * eps)
-        np.testing.assert_allclose(found.acceleration[k], expected, rtol=0, atol=tolerance)
         # A rounding of the phase of an undamped oscillator grows with its number of periods.
         phase = 2 * np.pi / ratio * NOISE.size if damping == 0 else 0.0
-        tolerance = size * eps * (200 + phase)
-        part = traced[k, : expected.size]
-        np.testing.assert_allclose(part, expected, rtol=0, atol=tolerance)
+        # Where all is concrete, in float64 and rounded once.
+        for answer, rounding in ((found, max(2**-52, eps / 100)), (traced, eps)):
+            tolerance = size * rounding * (200 + phase)
+            part = getattr(answer, "acceleration", answer)[k, : expected.size]
+            np.testing.assert_allclose(part, expected, rtol=0, atol=tolerance)
 
 
-@pytest.mark.usefixtures("without_remarks")
 def test_modes_and_floors():
     """Modes add up by participations, what these lack moves with the ground; floors are axes."""
     ground = jr.Record(NOISE, STEP, vertical=NOISE[::-1], scale=-2.0, start=3.0)
@@ -101,7 +89,6 @@ def test_modes_and_floors():
     assert jr.respond_batch(BLOCK, 0.8, many).overturned.shape == (3,)
 
 
-@pytest.mark.usefixtures("without_remarks")
 def test_a_finer_step_has_the_same_motion(eps):
     """At the samples of the coarse one, and of the ground between them."""
     ground = jr.Record(NOISE, STEP, vertical=NOISE[::-1])
@@ -129,7 +116,6 @@ def test_a_floor_under_a_record_is_that_of_scipy():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * abs(expected).max())
 
 
-@pytest.mark.usefixtures("without_remarks")
 def test_free_vibration_ends():
     """After the floor has stayed below 1/1000 of its peak, or when it has lasted as long."""
     ground = record(200)
@@ -145,10 +131,9 @@ def test_free_vibration_ends():
     assert ground.on_floor(0.2, 0.3, free_vibration=0.0).samples == ground.samples
 
 
-@pytest.mark.usefixtures("without_remarks")
 @pytest.mark.float64
 @pytest.mark.parametrize("period", first_by_default([0.0628, 0.004, 0.063, 0.5, 100.0]))
-@pytest.mark.parametrize("damping", first_before_release([0.05, 1.0, 1.4], 1))
+@pytest.mark.parametrize("damping", first_before_release([0.05, 0.9], 1))
 def test_derivatives_in_both_modes(period, damping):
     weights = np.cos(0.3 * np.arange(80))
 
@@ -165,7 +150,7 @@ def test_derivatives_in_both_modes(period, damping):
     reverse = jax.grad(answer)(point)
     np.testing.assert_allclose(forward, reverse, rtol=1e-11, atol=1e-12)
     # Differences of order 4, over a fraction of a radian of all phases.
-    phase = 2 * np.pi * STEP / period * NOISE.size if damping < 1 else 0.0
+    phase = 2 * np.pi * STEP / period * NOISE.size
     steps = 2e-3 * np.asarray(point) / np.array([1 + phase, 1 + phase, 1, 1, 1])
     for k, step in enumerate(steps):
         change = step * np.eye(5)[k]
@@ -177,7 +162,6 @@ def test_derivatives_in_both_modes(period, damping):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("without_remarks")
 def test_floors_under_transformations():
     ground = record(200)
     periods = jnp.array([0.3, -1.0, 0.5])
@@ -190,23 +174,7 @@ def test_floors_under_transformations():
     assert np.isfinite(slope[::2]).all()
 
 
-def test_a_step_that_is_too_coarse_is_remarked_on():
-    ground = jr.example_record()
-    with pytest.warns(UserWarning, match=r"0.01 s apart miss up to 12 % .*0.0049 would do"):
-        ground.on_floor(0.05)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        ground.on_floor(0.05, time_step=0.0049)
-        # A mode that follows the ground is a straight line as well, and so is one that hardly
-        # takes part.
-        ground.on_floor(1e-4)
-        ground.on_floor([0.5, 0.05], 0.05, [1.0, 0.02])
-    with pytest.warns(UserWarning, match="under record 'third'"):
-        suite().on_floor(0.1)
-
-
 @pytest.mark.thorough
-@pytest.mark.usefixtures("without_remarks")
 def test_a_suite_on_a_floor_keeps_its_ground(eps):
     plain = suite()
     floor = plain.on_floor(0.4, 0.05, 1.2)
@@ -304,7 +272,6 @@ def test_both_directions_count_as_one_record():
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("without_remarks")
 @pytest.mark.float64
 def test_the_floor_of_a_sample_is_its_own():
     plain = suite()

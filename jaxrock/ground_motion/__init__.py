@@ -16,7 +16,6 @@ from .floor import FLOOR_DAMPING as FLOOR_DAMPING
 from .floor import FLOOR_PERIOD as FLOOR_PERIOD
 from .floor import Floor
 from .floor import choose_floor_step as choose_floor_step
-from .floor_variants import vary_floor as vary_floor
 from .harmonic import Harmonic
 from .intensity import MEASURES as MEASURES
 from .intensity import describe_strength as describe_strength
@@ -27,12 +26,12 @@ from .pulses import PULSES as PULSES
 from .pulses import Cosine, HalfSine, Pulse, Rectangular, Ricker, Sine
 from .pulses import check_pulse_class as check_pulse_class
 from .record import Record
-from .reversal import REVERSED as REVERSED
-from .reversal import average_directions as average_directions
-from .still import Still
+from .suite import REVERSED as REVERSED
 from .suite import Suite
+from .suite import average_directions as average_directions
+from .suite import describe_suite as describe_suite
 from .suite import require_positive_measures as require_positive_measures
-from .suite_description import describe_suite as describe_suite
+from .suite import vary_floor as vary_floor
 
 __all__ = [
     "Cosine",
@@ -45,7 +44,6 @@ __all__ = [
     "Rectangular",
     "Ricker",
     "Sine",
-    "Still",
     "Suite",
     "example_record",
     "example_suite",

@@ -30,7 +30,7 @@ from ..validation import (
 
 
 class Motion(Printed, Checked):
-    """A ground motion: a `Pulse` of some shape, a `Harmonic`, a `Record` or `Still` ground.
+    """A ground motion: a `Pulse` of some shape, a `Harmonic` or a `Record`.
 
     A new motion provides a `name`, a field `start`, and `end`, `intensity`, `value`, `knots`,
     `next_kink` and `scaled`, which are abstract here. It inherits `shifted`, `horizontal`,

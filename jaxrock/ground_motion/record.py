@@ -21,14 +21,7 @@ from ..validation import (
     is_traced,
     quantity,
 )
-from .floor import (
-    FLOOR_DAMPING,
-    Floor,
-    compute_floor_motion,
-    replace_motion,
-    require_finer_step,
-    warn_of_coarse_step,
-)
+from .floor import FLOOR_DAMPING, Floor, compute_floor_motion
 from .motion import Motion
 from .samples import integrate_samples, interpolate, refuse_empty, refuse_times
 from .units import require_unit
@@ -234,16 +227,15 @@ class Record(Motion):
         period : array_like
             Periods of the modes [s], greater than 0.
         damping : array_like
-            Damping ratios [-], between 0 and 1.5, not in per cent; 1 is critical.
+            Damping ratios [-], at least 0 and less than 1, which is critical damping.
         participation : array_like
             Participation of each mode in the motion of the floor [-]: the modal participation
             factor times the mode shape there. A single number stands for one mode; arrays of
             periods or dampings then stand for several floors. The last axis of an array runs
             over modes, the axes before it over floors.
         time_step : float, optional
-            Upper bound of the floor's time step [s], at most the record's. The step of the
-            record is divided by a whole number to meet it. By default the step stays that of
-            the record.
+            Upper bound of the floor's time step [s]. The step of the record is divided by a
+            whole number to meet it. By default the step stays that of the record.
         free_vibration : float, optional
             Free vibration after the end of this record [s], at least 0. By default it lasts
             until all floors stay below 1/1000 of their peaks, but at most as long as this
@@ -255,11 +247,6 @@ class Record(Motion):
             A record with the same scale and start. Floors are leading axes of its samples,
             and broadcast with the leading axes of this record. The vertical component is that
             of the ground.
-
-        Warns
-        -----
-        UserWarning
-            If straight lines between the samples miss more than 3 % of the peak of the floor.
 
         Raises
         ------
@@ -289,10 +276,6 @@ class Record(Motion):
         5.01 m/s2
         10.42 m/s2
         """
-        if type(self) is not Record:
-            raise ValueError(
-                "a padded record cannot be put on a floor; call on_floor before bucketed"
-            )
         floor = Floor(
             period,
             damping,
@@ -300,10 +283,14 @@ class Record(Motion):
             time_step=time_step,
             free_vibration=free_vibration,
         )
-        require_finer_step(floor, self.time_step)
-        motion = compute_floor_motion(self.acceleration, self.vertical, self.time_step, floor)
-        warn_of_coarse_step(motion)
-        return replace_motion(self, motion)
+        return put_on_floor(self, floor)
+
+
+def put_on_floor(record: Record, floor: Floor) -> Record:
+    """Compute the motion of a floor, or of several, on the ground of a record."""
+    components = (record.acceleration, record.vertical, record.time_step)
+    motion, upward, step = compute_floor_motion(components, floor)
+    return Record(motion, step, upward, record.scale, record.start)
 
 
 def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:

@@ -1,7 +1,7 @@
 """Suites: several records, of any lengths and time steps, as one argument."""
 
 from collections.abc import Iterator, Sequence
-from typing import cast
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -9,29 +9,28 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..host import Printed
+from ..host import Printed, format_number
 from ..validation import (
     FINITE,
     POSITIVE,
+    AnyArray,
     Number,
     Numbers,
     Reals,
+    as_array,
     as_real,
     check,
     check_kind,
+    choose_namespace,
+    describe,
     is_traced,
 )
-from .floor import (
-    FLOOR_DAMPING,
-    Floor,
-    compute_floor_motion,
-    replace_motion,
-    warn_of_coarse_step,
-)
+from .drift import warn_of_drifts
+from .floor import FLOOR_DAMPING, Floor
 from .intensity import intensity_measure
-from .record import Record
-from .reversal import REVERSED, find_directions, reverse_record
-from .suite_checks import check_measures, check_names, check_records, describe_samples
+from .record import Record, put_on_floor
+
+REVERSED = " reversed"  # at the end of the names of records in the opposite direction
 
 
 class Suite(Printed, eqx.Module):
@@ -91,8 +90,8 @@ class Suite(Printed, eqx.Module):
         directions: int = 1,
         source: str = "",
     ):
-        self.records = check_records(records)
-        self.names = check_names(names, len(self.records))
+        self.records = _check_records(records)
+        self.names = _check_names(names, len(self.records))
         if directions not in (1, 2) or len(self.records) % directions:
             raise ValueError(
                 "directions must be 1, or 2 if the second half reverses the first, got"
@@ -100,16 +99,13 @@ class Suite(Printed, eqx.Module):
             )
         if ground is not None:
             check_kind("ground", ground, Suite)
-            numbers = (len(ground), np.shape(ground.records[0].scale), ground.directions)
-            expected = (len(self.records), np.shape(self.records[0].scale), directions)
-            if numbers != expected or ground.ground is not None:
+            shapes = [np.shape(part[0].scale) for part in (self.records, ground.records)]
+            same = (ground.names, ground.directions) == (self.names, directions)
+            if not same or shapes[0] != shapes[1] or ground.ground is not None:
                 raise ValueError(
-                    "ground must be a suite on the ground, with as many records, scales and"
-                    f" directions as this suite, got {ground}"
+                    "ground must be a suite on the ground, with the names, shape of scales and"
+                    f" directions of this suite, got {ground}"
                 )
-            if ground.names != self.names:
-                names = f"{ground.names} and {self.names}"
-                raise ValueError(f"ground must have the names of the records, got {names}")
         if floor is not None:
             check_kind("floor", floor, Floor)
             if ground is None or floor.shape:
@@ -125,9 +121,11 @@ class Suite(Printed, eqx.Module):
         ways = " in both directions" * (self.directions == 2)
         if all(name.endswith(REVERSED) for name in self.names):
             ways = " in reverse direction"
+        samples = format_number(np.array([record.samples for record in self.records]))
+        steps = format_number(np.array([float(record.time_step) for record in self.records]))
         words = (
             f"suite of {self.recordings} record{'s' * (self.recordings > 1)}{ways} of"
-            f" {describe_samples(self.records)}"
+            f" {samples} samples, {steps} s apart"
         )
         if self.ground is None:
             return words
@@ -151,15 +149,14 @@ class Suite(Printed, eqx.Module):
         A part of a suite in both directions has both of each of its records, or one.
         """
         if isinstance(which, slice):
-            ground = None if self.ground is None else self.ground[which]
-            directions = find_directions(which, self.recordings, self.directions)
-            number = len(self.names[which]) // directions
+            directions = self._find_directions(which)
+            names = self.names[which]
+            number = len(names) // directions
             part = f"{number} of " if self.source and number < self.recordings else ""
-            return Suite(
-                self.records[which],
-                self.names[which],
-                ground=cast("Suite | None", ground),
-                floor=self.floor,
+            return self._replace(
+                records=self.records[which],
+                names=names,
+                ground=None if self.ground is None else self.ground[which],
                 directions=directions,
                 source=part + self.source,
             )
@@ -168,6 +165,25 @@ class Suite(Printed, eqx.Module):
                 raise KeyError(f"no record is named {which!r}")
             which = self.names.index(which)
         return self.records[which]
+
+    def _replace(self, **fields: Any) -> "Suite":
+        """Make a suite with some other fields."""
+        return Suite(**{**vars(self), **fields})
+
+    def _find_directions(self, which: slice) -> int:
+        """Find in how many directions a part of the suite has its records."""
+        places = range(len(self))[which]
+        recordings = [place % self.recordings for place in places]
+        if len(set(recordings)) == len(recordings):
+            return 1
+        half = len(places) // 2
+        if list(places[half:]) != [place + self.recordings for place in places[:half]]:
+            raise ValueError(
+                "a slice of a suite in both directions must take each of its records in one"
+                " direction only, or first all as recorded and then the same reversed, got"
+                f" {which.start}:{which.stop}:{which.step}"
+            )
+        return 2
 
     def measure(self, measure: str, block: Block | None = None) -> Reals:
         """Measure the intensity of each record, as it is scaled now.
@@ -255,24 +271,17 @@ class Suite(Printed, eqx.Module):
                 f"factors must be one factor, or one for each of {len(self)} records,"
                 f" got an array of shape {factors.shape}"
             )
-        if not factors.ndim:
-            record_factors = [factors] * len(self)
-        elif is_traced(factors):
-            record_factors = list(factors)
-        else:
-            # In NumPy: JAX would compile a program to take the array apart.
-            record_factors = list(np.asarray(factors))
-        scaled = [
-            record.scaled(factor)
-            for record, factor in zip(self.records, record_factors, strict=True)
-        ]
-        return Suite(
-            scaled,
-            self.names,
+        # In NumPy: JAX would compile a program to take the array apart.
+        rows = (
+            choose_namespace(factors).asarray(factors)
+            if factors.ndim
+            else [factors] * len(self)
+        )
+        return self._replace(
+            records=[
+                record.scaled(row) for record, row in zip(self.records, rows, strict=True)
+            ],
             ground=None if self.ground is None else self.ground.scaled(factors),
-            floor=self.floor,
-            directions=self.directions,
-            source=self.source,
         )
 
     def on_floor(
@@ -298,11 +307,6 @@ class Suite(Printed, eqx.Module):
         Suite
             Its `ground` is this suite. Its intensities are still those of the ground, to
             which hazards and levels refer.
-
-        Warns
-        -----
-        UserWarning
-            As in `Record.on_floor`, for the record whose peak the straight lines miss most.
 
         Raises
         ------
@@ -331,21 +335,8 @@ class Suite(Printed, eqx.Module):
                 "period, damping and participation must describe one floor, got floors of"
                 f" shape {floor.shape}"
             )
-        motions = [
-            compute_floor_motion(record.acceleration, record.vertical, record.time_step, floor)
-            for record in self.records
-        ]
-        worst = max(range(len(motions)), key=lambda k: motions[k].missed)
-        warn_of_coarse_step(motions[worst], self.names[worst])
-        pairs = zip(self.records, motions, strict=True)
-        return Suite(
-            [replace_motion(record, motion) for record, motion in pairs],
-            self.names,
-            ground=self,
-            floor=floor,
-            directions=self.directions,
-            source=self.source,
-        )
+        records = [put_on_floor(record, floor) for record in self.records]
+        return self._replace(records=records, ground=self, floor=floor)
 
     def both_directions(self) -> "Suite":
         """Add the reverse of each record: its horizontal acceleration in the other direction.
@@ -371,14 +362,63 @@ class Suite(Printed, eqx.Module):
         """
         if self.directions == 2:
             raise ValueError(f"suite must be in one direction, got {self}")
-        return Suite(
-            [*self.records, *map(reverse_record, self.records)],
-            [*self.names, *(f"{name}{REVERSED}" for name in self.names)],
+        return self._replace(
+            records=[*self.records, *map(_reverse_record, self.records)],
+            names=[*self.names, *(f"{name}{REVERSED}" for name in self.names)],
             ground=None if self.ground is None else self.ground.both_directions(),
-            floor=self.floor,
             directions=2,
-            source=self.source,
         )
+
+
+def _check_records(records: Sequence[Record]) -> tuple[Record, ...]:
+    """Return the records of a suite; a `ValueError` if they are not allowed."""
+    if not isinstance(records, Sequence) or not records:
+        raise ValueError(
+            f"records must be a list of at least one record, got {describe(records)}"
+        )
+    for number, record in enumerate(records, 1):
+        check_kind(f"record {number}", record, Record)
+        samples = [record.acceleration, record.vertical]
+        axes = [np.ndim(part) - 1 for part in jax.tree.leaves(samples)]
+        if any((*axes, np.ndim(record.time_step), np.ndim(record.start))):
+            raise ValueError(
+                "records must be single records with one time step and start, got several as"
+                f" number {number}"
+            )
+        shape, first = np.shape(record.scale), np.shape(records[0].scale)
+        if shape != first:
+            raise ValueError(
+                f"records must have scales of one shape, got {first} and, in number {number},"
+                f" {shape}"
+            )
+    return tuple(records)
+
+
+def _check_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    """Return the names of records, by default numbers; a `ValueError` if not allowed."""
+    if names is None:
+        return tuple(str(number) for number in range(1, count + 1))
+    # A string is a sequence of strings as well, of its letters.
+    allowed = not isinstance(names, str) and all(isinstance(name, str) for name in names)
+    if not allowed or len(names) != count or len(set(names)) != count:
+        raise ValueError(
+            f"names must be a list of different names, one for each of {count} records, got"
+            f" {describe(names)}"
+        )
+    return tuple(map(str, names))  # plain ones: Equinox takes those of NumPy for arrays
+
+
+def _reverse_record(record: Record) -> Record:
+    """Reverse the sign of the horizontal acceleration of a record."""
+    samples = record.acceleration
+    # In NumPy: JAX would compile a program for each length.
+    reverse = as_array(choose_namespace(samples).negative(samples))
+    return eqx.tree_at(lambda record: record.acceleration, record, reverse)
+
+
+def average_directions(values: AnyArray, directions: int) -> AnyArray:
+    """Average values of shape (records, ...) of a suite over the directions of each record."""
+    return values.reshape(directions, -1, *values.shape[1:]).mean(axis=0)
 
 
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
@@ -387,7 +427,57 @@ def require_positive_measures(suite: Suite, measure: str, block: Block | None = 
     Raises a `ValueError` otherwise, and warns where PGV is due to a drift.
     """
     measures = suite.measure(measure, block)
-    if not is_traced(measures):
-        ground = suite if suite.ground is None else suite.ground
-        check_measures(np.asarray(measures), measure, ground.names, ground.records)
+    if is_traced(measures):
+        return measures
+    ground = suite if suite.ground is None else suite.ground
+    if measure.startswith("pgv"):
+        warn_of_drifts(ground.names, ground.records)
+    for name, value in zip(ground.names, np.asarray(measures), strict=True):
+        if not (value > 0).all():
+            raise ValueError(
+                f"every record must have a {measure} greater than 0 to be scaled,"
+                f" got {value.min():.9g} for {name!r}"
+            )
     return measures
+
+
+def describe_suite(suite: Suite) -> dict[str, int | str]:
+    """Make the attributes of a dataset about the source of the records, directions and floor."""
+    described: dict[str, int | str] = {}
+    if suite.source:
+        described["record_source"] = suite.source
+    if suite.directions != 1:
+        described["directions"] = suite.directions
+    if suite.ground is not None:
+        described["floor"] = "given by records" if suite.floor is None else str(suite.floor)
+    return described
+
+
+def vary_floor(
+    suite: Suite, period_factor: np.ndarray, damping_factor: np.ndarray
+) -> tuple[Record, ...]:
+    """Compute the motions of floors that differ from the one on which a suite is.
+
+    Parameters
+    ----------
+    suite : Suite
+        On a floor.
+    period_factor, damping_factor : Array, shape (floors,)
+        Factors on the periods and the dampings of all modes [-].
+
+    Returns
+    -------
+    tuple of Record
+        One for each record, whose samples have an axis of floors.
+    """
+    ground = cast("Suite", suite.ground)
+    floor = cast("Floor", suite.floor)
+    shape = (-1, *[1] * floor.participation.ndim)
+    floors = Floor(
+        np.asarray(floor.period) * period_factor.reshape(shape),
+        np.asarray(floor.damping) * damping_factor.reshape(shape),
+        floor.participation,
+        time_step=floor.time_step,
+        free_vibration=floor.free_vibration,
+    )
+    return tuple(put_on_floor(record, floors) for record in ground)

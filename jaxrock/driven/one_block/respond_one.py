@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...block import Block
-from ...ground_motion import Motion, Record, Still, Suite
+from ...ground_motion import Motion, Record, Suite
 from ...host import Status
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
@@ -54,7 +54,8 @@ def respond(  # noqa: PLR0913
     restitution : float
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     motion : Motion
-        A pulse, a `Harmonic`, a `Record`, or `Still` for free rocking.
+        A pulse, a `Harmonic` or a `Record`; for free rocking a record of zeros,
+        ``Record([0.0, 0.0], 0.01)``, and a duration.
     duration : float, optional
         Simulated time [s], greater than 0; by default to the end of the motion.
     rotation, velocity : float, optional
@@ -127,8 +128,6 @@ def respond(  # noqa: PLR0913
     parts = motion if isinstance(motion, list | tuple) else [motion]
     many = any(isinstance(part, Suite | Motion) for part in parts)
     check_kind("motion", motion, Motion, hint="; respond_batch takes several" if many else "")
-    if duration is None and isinstance(motion, Still):
-        raise ValueError("duration must be given for still ground, which has no end")
     duration = motion.end if duration is None else duration
     driven = Driven(block, restitution, motion, duration, rotation, velocity)
     _check_scalar(driven)

@@ -52,7 +52,7 @@ def respond_to_pulses():
         respond_one(jr.Rectangular(2.5, 0.4)),
         respond_one(jr.Cosine(3.0, 0.4)),
         respond_one(jr.Ricker(3.5, 0.4), duration=3.0),
-        respond_one(jr.Still(), rotation=0.1),
+        respond_one(jr.Record([0.0, 0.0], 0.001), rotation=0.1),
         respond_one(jr.Harmonic(3.0, 8.0, 4), duration=4.0),
     )
 
