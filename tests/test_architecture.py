@@ -64,7 +64,7 @@ CODE_LINES = {
     "tables": 415,
     "numerics": 768,
     "resonance": 1829,
-    "ground_motion": 1121,
+    "ground_motion": 1123,
     "ground_motion/files": 928,
     "driven": 3340,
     "steady": 999,

@@ -47,15 +47,6 @@ HEAVY_FOOT = Masses(0.5, [0.1, 0.4], [0.3, 2.5], [40.0, 4.0])
 BODIES = [VASE, COLUMN, HEAVY_FOOT]
 
 
-def test_the_rectangle_has_a_reciprocal_without_rounding():
-    """On it rests that no answer for a rectangle depends on how its inertia ratio is written."""
-    for dtype in (np.float16, jnp.bfloat16, np.float32, np.float64):
-        ratio = np.asarray(4 / 3, dtype)
-        assert np.asarray(1, dtype) / ratio == 0.75
-        assert np.asarray(2, dtype) / ratio == 1.5
-    assert jr.Block(0.4, 5.0).inertia_ratio == jnp.asarray(4 / 3, float)
-
-
 def test_a_rectangle_given_by_its_mass_and_inertia(eps):
     width = 0.8
     height = 4.0

@@ -418,6 +418,8 @@ def _reverse_record(record: Record) -> Record:
 
 def average_directions(values: AnyArray, directions: int) -> AnyArray:
     """Average values of shape (records, ...) of a suite over the directions of each record."""
+    if directions == 1:
+        return values
     return values.reshape(directions, -1, *values.shape[1:]).mean(axis=0)
 
 
