@@ -82,7 +82,7 @@ def example_suite(*, vertical: bool = False) -> Suite:
     --------
     >>> from jaxrock import example_suite
     >>> print(example_suite())
-    suite of 20 records of 2,000 to 9,000 samples, 0.005 to 0.02 s apart
+    suite of 20 records of 2000 to 9000 samples, 0.005 to 0.02 s apart
     """
     # Unpacked into files, so that the records are read as a user's are.
     archive = files("jaxrock") / "data" / "example_suite.zip"
