@@ -48,8 +48,6 @@ class Search(NamedTuple):
     drop_unknown : bool
         Whether derivatives that cannot be had are 0 instead of NaN, so that a sum over many
         boundaries has those of all others.
-    alone : bool
-        Whether a boundary has the same bits whatever else is sought at the same time.
     tolerance : float or None
         Relative width [-] of the bracket around a boundary at which refinement ends. None: to
         rounding.
@@ -60,7 +58,6 @@ class Search(NamedTuple):
     max_boundaries: int
     halvings: int = 0
     drop_unknown: bool = False
-    alone: bool = False
     tolerance: float | None = None
 
 
