@@ -10,6 +10,7 @@ from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size, read_re
 from ..validation import Reals, as_real, check, check_concrete
 
 SharedBlock = tuple[Block, Reals]  # with its restitution
+VariableTable = Mapping[str, tuple[DataType, str, str]]  # type, long name and unit
 
 
 def make_axes(**values: Values | None) -> dict[str, np.ndarray]:
@@ -17,9 +18,7 @@ def make_axes(**values: Values | None) -> dict[str, np.ndarray]:
     return {name: as_axis(name, given) for name, given in values.items() if given is not None}
 
 
-def make_variables(
-    dims: Sequence[str], table: Mapping[str, tuple[DataType, str, str]]
-) -> dict[str, GridVariable]:
+def make_variables(dims: Sequence[str], table: VariableTable) -> dict[str, GridVariable]:
     """Make variables along dimensions of a table of types, long names and units."""
     return {
         name: GridVariable(dims, dtype, {"long_name": long_name, "units": units})
@@ -37,6 +36,16 @@ def take_magnitudes(restitution: Values) -> np.ndarray:
     # Raises for anything but allowed numbers, which axes of magnitudes would not know.
     check("restitution", as_real("restitution", restitution, unit=""), ONE_SIDED_RESTITUTION)
     return np.abs(np.asarray(restitution, dtype=float))
+
+
+def describe_blocks(
+    model: str, gravity: float, inertia_ratio: float, one_sided: bool
+) -> tuple[Block, dict[str, str | float]]:
+    """Make a block of some size, which axes replace, and the attributes of all of them."""
+    block = Block(1.0, 1.0, gravity, inertia_ratio, one_sided=one_sided)
+    numbers = {"gravity": float(gravity), "inertia_ratio": float(inertia_ratio)}
+    side = {"one_sided": 1} if one_sided else {}
+    return block, {"model": model, **numbers, "gravity_units": "m s-2", **side}
 
 
 def make_unit_block(

@@ -17,7 +17,7 @@ from ..driven import (
     uplift_acceleration,
 )
 from ..grids import (
-    DataType,
+    Chunks,
     Grid,
     GridVariable,
     Values,
@@ -29,12 +29,10 @@ from ..grids import (
 from ..ground_motion import Harmonic
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..steady import HarmonicOrbit, harmonic_orbit
-from .blocks import SharedBlock, make_axes, make_unit_block, make_variables
+from .blocks import SharedBlock, VariableTable, make_axes, make_unit_block, make_variables
 
 if TYPE_CHECKING:
     import xarray
-
-    from ..grids import Chunks
 
 _LARGEST = 2**12  # points of a spectrum that are computed at once
 _TILE = 2**6  # points whose orbits go through a program at once
@@ -51,14 +49,10 @@ _AXES = {  # long names
     "frequency_ratio": "frequency of the floor over p",
     "amplitude_ratio": "amplitude of the floor over the one that just lifts the block",
 }
-_VARIABLES: dict[str, tuple[DataType, str, str]] = {
+_VARIABLES: VariableTable = {
     "velocity_ratio": (float, "launch velocity over critical velocity", "1"),
     "rotation_ratio": (float, "peak rotation over critical angle", "1"),
-    "phase": (
-        float,
-        "phase of the floor at an impact, after which rotation is positive",
-        "rad",
-    ),
+    "phase": (float, "phase of the floor at impacts before positive rotation", "rad"),
     "trace": (float, "sum of the two multipliers of the half-period map", "1"),
     "multiplier": (float, "larger modulus of the two multipliers", "1"),
 }
@@ -83,7 +77,7 @@ def harmonic_spectrum(
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     model: ModelLike = Nonlinear(),
     cycles: int = 100,
-    chunks: "Chunks | None" = None,
+    chunks: Chunks | None = None,
 ) -> "xarray.Dataset":
     """Compute steady rocking on a harmonic floor, over its frequency and amplitude.
 
@@ -184,9 +178,8 @@ def _compute_floors(
 
     def compute_tile(_: int, floors: np.ndarray) -> HarmonicOrbit:
         with _turns:
-            return jax.block_until_ready(
-                harmonic_orbit(block, restitution, *floors, model=model)
-            )
+            orbit = harmonic_orbit(block, restitution, *floors, model=model)
+            return jax.block_until_ready(orbit)
 
     orbit = apply_in_tiles(compute_tile, _TILE, np.stack([amplitude, frequency]))
     # A velocity, though it is 0: with one the program compiled for launched blocks serves.

@@ -9,32 +9,26 @@ import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..driven import Batch, require_complete, uplift_acceleration
-from ..grids import DataType, Grid, Values, list_points
+from ..grids import Chunks, Grid, Values, list_points
 from ..ground_motion import Pulse, check_pulse_class
 from ..overturning import critical_amplitude, make_ratios
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
-from .blocks import SharedBlock, make_axes, make_unit_block, make_variables
-from .responses import LARGEST, RESPONSES, compute_responses
+from .blocks import SharedBlock, VariableTable, make_axes, make_unit_block, make_variables
+from .rocking import LARGEST, RESPONSES, compute_responses
 
 if TYPE_CHECKING:
     import xarray
-
-    from ..grids import Chunks
 
 _TITLE = "Overturning map"
 _LARGEST = 2**8  # frequencies of a grid whose boundaries are searched at once
 _LISTED = 16  # boundaries at each frequency
 # Type, long name and unit.
-_ALONG_BOUNDARIES: dict[str, tuple[DataType, str, str]] = {
-    "amplitude_ratio": (
-        float,
-        "amplitude of the pulse over the one that just lifts the block",
-        "1",
-    ),
+_ALONG_BOUNDARIES: VariableTable = {
+    "amplitude_ratio": (float, "amplitude of the pulse over uplift amplitude", "1"),
     "overturns_beyond": (np.int8, "1 where the block overturns beyond the boundary", "1"),
     "impacts": (int, "impacts before it overturns, -1 if there is no boundary", "1"),
 }
-_OF_ALL: dict[str, tuple[DataType, str, str]] = {
+_OF_ALL: VariableTable = {
     "overturns_first": (np.int8, "1 where it overturns at the lowest amplitude", "1"),
     "count": (int, "number of all boundaries, listed or not", "1"),
 }
@@ -52,7 +46,7 @@ def overturning_map(  # noqa: PLR0913
     one_sided: bool = False,
     resolution: float = 0.01,
     model: ModelLike = Nonlinear(),
-    chunks: "Chunks | None" = None,
+    chunks: Chunks | None = None,
 ) -> "xarray.Dataset":
     """Find every boundary of overturning under pulses of one shape, over their frequency.
 

@@ -13,16 +13,14 @@ from jaxtyping import Array, PyTree
 from .. import resonance
 from ..accuracy import is_linearized_enough
 from ..block import RECTANGLE_INERTIA_RATIO, Block, warn_of_size
-from ..grids import Grid, GridVariable, Values, apply_in_tiles, list_points
+from ..grids import Chunks, Grid, GridVariable, Values, apply_in_tiles, list_points
 from ..host import count_processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
 from ..validation import POSITIVE, as_real, check
-from .blocks import make_axes, make_variables, take_magnitudes
+from .blocks import describe_blocks, make_axes, make_variables, take_magnitudes
 
 if TYPE_CHECKING:
     import xarray
-
-    from ..grids import Chunks
 
 _AXES = ("slenderness", "width", "restitution", "intensity")
 # Points that go through a program at once. On one processor a tile is so small that its cache
@@ -37,10 +35,7 @@ _VARIABLES = {  # long name and unit
     "peak_rotation": ("stabilized peak rotation", "rad"),
     "stabilized_period": ("stabilized period", "s"),
     "amplification": ("stabilized peak rotation over peak after the first pulse", "1"),
-    "overturning_margin": (
-        "missing energy over the energy barrier, overturns at 0 or less",
-        "1",
-    ),
+    "overturning_margin": ("missing energy over the barrier, overturns at 0 or less", "1"),
     "overturning_half_cycle": ("first half-cycle that overturns, inf if none does", "1"),
     "critical_intensity": ("intensity of unlimited pulses that just overturn", "m s-1"),
 }
@@ -63,7 +58,7 @@ def resonance_spectrum(  # noqa: PLR0913
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     one_sided: bool = False,
     store: str | Path | None = None,
-    chunks: "Chunks | None" = None,
+    chunks: Chunks | None = None,
 ) -> "xarray.Dataset":
     """Compute resonance spectra over a full grid of blocks, restitutions and pulse intensities.
 
@@ -114,11 +109,10 @@ def resonance_spectrum(  # noqa: PLR0913
     >>> print(spectrum.rotation_ratio.sel(width=0.4).values.round(3))
     [0.077 0.317]
     """
-    is_auto = isinstance(model, str) and model == "auto"
-    single = None if is_auto else resonance.as_model(model)
+    single = None if isinstance(model, str) and model == "auto" else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
-    # Of some size, which the axes replace.
-    block = Block(1.0, 1.0, gravity, inertia_ratio, one_sided=one_sided)
+    name = single.name if single else "auto"
+    block, attributes = describe_blocks(name, gravity, inertia_ratio, one_sided)
     if one_sided:
         restitution = take_magnitudes(restitution)
     axes = make_axes(
@@ -131,14 +125,6 @@ def resonance_spectrum(  # noqa: PLR0913
     # The critical intensity is itself a value along the axis of intensities.
     critical = variables["critical_intensity"]
     variables["critical_intensity"] = critical._replace(dims=_AXES[:3])
-    attributes: dict[str, str | float] = {
-        "model": single.name if single else "auto",
-        "gravity": float(gravity),
-        "inertia_ratio": float(inertia_ratio),
-        "gravity_units": "m s-2",
-    }
-    if one_sided:
-        attributes["one_sided"] = 1
     if single is None:
         attributes["tolerance"] = tolerance
         variables["model"] = GridVariable(_AXES, np.int8, _MODEL)
@@ -192,8 +178,7 @@ def _compute_by_cheapest(
     points: np.ndarray, block: Block, tolerance: float
 ) -> dict[str, np.ndarray]:
     """Compute all variables at points, each by the cheapest model, and say by which."""
-    limit = as_real("tolerance", tolerance)
-    linear = _compute_at_points(is_linearized_enough, points, block, limit)
+    linear = _compute_at_points(is_linearized_enough, points, block, tolerance)
     answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
     for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
         if mask.any():

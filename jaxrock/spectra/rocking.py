@@ -2,26 +2,45 @@
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
-from ..driven import Batch
-from ..grids import Grid, Values, apply_padded, list_points
+from ..driven import Batch, follow_batch, follow_within, require_complete
+from ..grids import Chunks, Grid, Values, apply_padded, list_points
 from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite, describe_suite
 from ..host import add_names
 from ..overturning import check_single
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import POSITIVE, as_real, check, check_kind
-from .blocks import estimate_restitution, make_axes, make_variables, take_magnitudes
-from .responses import ESTIMATES, LARGEST, RESPONSES, compute_responses
+from .blocks import (
+    VariableTable,
+    describe_blocks,
+    estimate_restitution,
+    make_axes,
+    make_variables,
+    take_magnitudes,
+)
 
 if TYPE_CHECKING:
     import xarray
 
-    from ..grids import Chunks
+LARGEST = 2**14  # blocks of a spectrum that are simulated at once
+# Type, long name and unit.
+RESPONSES: VariableTable = {
+    "rotation_ratio": (float, "peak rotation over critical angle", "1"),
+    "peak_rotation": (float, "peak rotation", "rad"),
+    "overturned": (np.int8, "1 where the block overturns", "1"),
+    "margin": (float, "margin at the end of the input, overturns below 0", "1"),
+    "impacts": (int, "number of impacts", "1"),
+}
+_ESTIMATES: VariableTable = {
+    "rtol": (float, "tolerance used for this block", "1"),
+    "error": (float, "upper bound of the relative error of the peak rotation", "1"),
+    "within_tolerance": (np.int8, "1 where the error is within the tolerance", "1"),
+}
 
 
 def rocking_spectrum(  # noqa: PLR0913
@@ -36,7 +55,7 @@ def rocking_spectrum(  # noqa: PLR0913
     factor: Values | None = None,
     model: ModelLike = Nonlinear(),
     tolerance: float | None = None,
-    chunks: "Chunks | None" = None,
+    chunks: Chunks | None = None,
 ) -> "xarray.Dataset":
     """Compute responses of blocks of many sizes and shapes to one or several ground motions.
 
@@ -90,8 +109,9 @@ def rocking_spectrum(  # noqa: PLR0913
     suite = motion if isinstance(motion, Suite) else None
     if suite is None:
         check_single(motion)
-    # Of some size, which the axes replace.
-    block = Block(1.0, 1.0, gravity, inertia_ratio, one_sided=one_sided)
+    model = as_model(model)
+    block, attributes = describe_blocks(model.name, gravity, inertia_ratio, one_sided)
+    attributes["motion"] = (motion if suite is None else suite[0]).name
     if one_sided and restitution is not None:
         restitution = take_magnitudes(restitution)
     axes = make_axes(
@@ -100,21 +120,11 @@ def rocking_spectrum(  # noqa: PLR0913
         restitution=restitution,
         factor=factor,
     )
-    model = as_model(model)
-    attributes: dict[str, str | float] = {
-        "model": model.name,
-        "motion": (motion if suite is None else suite[0]).name,
-        "gravity": float(gravity),
-        "inertia_ratio": float(inertia_ratio),
-        "gravity_units": "m s-2",
-    }
-    if one_sided:
-        attributes["one_sided"] = 1
     table = RESPONSES
     if tolerance is not None:
         check("tolerance", as_real("tolerance", tolerance), POSITIVE)
         attributes["tolerance"] = tolerance
-        table = RESPONSES | ESTIMATES
+        table = RESPONSES | _ESTIMATES
     if suite is not None:
         attributes |= describe_suite(suite)
         axes = {"record": np.arange(len(suite)), **axes}
@@ -168,3 +178,28 @@ def _simulate_part(
         motion = motion.scaled(np.broadcast_to(at["factor"], (*records, at["factor"].size)))
     batch = Batch.of(blocks, as_real("restitution", c, unit=""), motion)
     return compute_responses(batch, model, tolerance, labels)
+
+
+def compute_responses(
+    batch: Batch,
+    model: RockingModel,
+    tolerance: float | None,
+    labels: Mapping[str, Sequence[str] | np.ndarray],
+) -> dict[str, np.ndarray]:
+    """Compute the variables of responses over a part of a grid, whose axes have labels."""
+    if tolerance is None:
+        response = estimate = follow_batch(batch, model)
+    else:
+        estimate = follow_within(batch, tolerance, model)
+        response = estimate.response
+    sizes = {name: np.size(along) for name, along in labels.items()}
+    complete = np.reshape(response.complete, [*sizes.values()])
+    require_complete(complete, **{name: np.atleast_1d(labels[name]) for name in sizes})
+    # One value for blocks of one shape, else one for each point.
+    angles = apply_padded(lambda block: block.critical_angle, batch.block)
+    ratio = np.asarray(response.peak_rotation) / angles
+    # The estimate has what it says of itself, and the response within it all else.
+    values = {"rotation_ratio": ratio, **vars(estimate), **vars(response)}
+    shape = [sizes[name] for name, along in labels.items() if np.ndim(along)]
+    names = RESPONSES if tolerance is None else RESPONSES | _ESTIMATES
+    return {name: np.asarray(values[name]).reshape(shape) for name in names}
