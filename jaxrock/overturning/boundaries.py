@@ -95,8 +95,8 @@ class Boundaries(Printed, eqx.Module):
                 f"after {number} impact{'s' * (number > 1)}" if number else "without an impact"
             )
             beyond = does[bool(self.overturns_beyond[k])]
-            place = format_value(self.along, float(self.value[k]))
-            lines.append(f"{beyond} beyond {place} (overturning {mode})")
+            value = format_value(self.along, float(self.value[k]))
+            lines.append(f"{beyond} beyond {value} (overturning {mode})")
         if len(lines) > _MAX_LINES:
             left_out = f"... {len(lines) - _MAX_LINES + 1} more boundaries ..."
             lines[_MAX_LINES - 2 : -1] = [left_out]
@@ -211,20 +211,20 @@ def search_boundaries(
     block: Block, restitution: Number, motion: Motion | Suite, values: Numbers, search: Search
 ) -> Boundaries:
     """Search the boundaries in a range; a `ValueError` if an argument is not allowed."""
-    subject, places = check_subject(block, restitution, motion, search.along, values)
-    return find_boundaries(subject, places, search)[0]
+    subject, levels = check_subject(block, restitution, motion, search.along, values)
+    return find_boundaries(subject, levels, search)[0]
 
 
 # With the boundaries, the values right behind them at which the block overturns.
 _Sides = tuple[Boundaries, AnyArray]
 
 
-def find_boundaries(subject: Subject, places: Reals, search: Search) -> _Sides:
+def find_boundaries(subject: Subject, values: Reals, search: Search) -> _Sides:
     """Find both sides of the boundaries between values, for a subject that has been checked."""
     if search.max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {search.max_boundaries}")
     search = search._replace(model=as_model(search.model))
-    return _compute_boundaries(subject, places, search=search)
+    return _compute_boundaries(subject, values, search=search)
 
 
 @eqx.filter_custom_jvp
@@ -235,19 +235,18 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     """
     traced = is_traced((subject, values))
     library = choose_namespace((subject, values))
-    # All cases one after the other: parameters of shape (cases,), values of shape (cases,
-    # places).
+    # All cases one after the other: parameters of shape (cases,), values of shape (cases, n).
     parameters, samples = split_parameters(subject)
     parameters, values = jax.tree.map(library.asarray, (parameters, values))
     shape = np.broadcast_shapes(
         *(leaf.shape for leaf in jax.tree.leaves(parameters)), values.shape[:-1]
     )
     size = math.prod(shape)
-    places = values.shape[-1]
     parameters = jax.tree.map(
         lambda leaf: library.broadcast_to(leaf, shape).reshape(-1), parameters
     )
-    table = library.broadcast_to(values, (*shape, places)).reshape(size, places)
+    length = values.shape[-1]
+    table = library.broadcast_to(values, (*shape, length)).reshape(size, length)
 
     def simulate(index: AnyArray, value: AnyArray) -> BatchResponse:
         """Simulate the motions of cases, by their indices, at values of the quantity."""
