@@ -34,6 +34,10 @@ _find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 _MOVED = {
     "Still": "now a record of zeros, Record([0.0, 0.0], 0.01)",
     "dynamics": "divided into jaxrock.driven and jaxrock.steady",  # since 0.3.0
+    "critical_duration": 'now overturning_boundaries(along="duration")',
+    "critical_factor": 'now overturning_boundaries(along="factor")',
+    "overturning_spectrum": "now overturning_map(amplitude_ratio=...)",
+    "survival_windows": 'now overturning_boundaries(along="factor").windows',
 }
 
 

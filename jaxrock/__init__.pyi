@@ -40,9 +40,7 @@ from .host import Status as Status
 from .impact import housner_restitution as housner_restitution
 from .impact import one_sided_restitution as one_sided_restitution
 from .overturning import critical_amplitude as critical_amplitude
-from .overturning import critical_duration as critical_duration
 from .overturning import overturning_boundaries as overturning_boundaries
-from .overturning import survival_windows as survival_windows
 from .reports import assess as assess
 from .resonance import Linearized as Linearized
 from .resonance import Nonlinear as Nonlinear
@@ -75,7 +73,6 @@ from .sensitivity import tornado as tornado
 from .sensitivity import value_and_slopes as value_and_slopes
 from .spectra import harmonic_spectrum as harmonic_spectrum
 from .spectra import overturning_map as overturning_map
-from .spectra import overturning_spectrum as overturning_spectrum
 from .spectra import resonance_spectrum as resonance_spectrum
 from .spectra import rocking_spectrum as rocking_spectrum
 from .steady import critical_pulsed_amplitude as critical_pulsed_amplitude

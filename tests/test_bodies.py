@@ -404,7 +404,9 @@ def test_spectra_of_driven_motion_depend_on_the_inertia_ratio_by_restitution_onl
     pulse = jr.Sine(4.0, 0.5)
     free = {"restitution": 0.9}
     of_pulse = functools.partial(jr.rocking_spectrum, pulse, [2.0, 3.0, 4.0], 5.0)
-    of_shape = functools.partial(jr.overturning_spectrum, jr.Sine, [2.0, 4.0], [1.5, 4.0])
+    of_shape = functools.partial(
+        jr.overturning_map, jr.Sine, [2.0, 4.0], amplitude_ratio=[1.5, 4.0]
+    )
     for spectrum in (of_pulse, of_shape):
         rectangle = spectrum(**free)
         body = spectrum(**free, inertia_ratio=1.1)

@@ -265,7 +265,8 @@ def test_critical_factors_and_short_pulses(capsys):
     cabinet = ("critical", "--width", 0.6, "--height", 1.8, "--restitution", 0.85)
     found = read_answer(capsys, *cabinet, "--record", "example", "--scale", 0.5)
     motion = jr.example_record().scaled(0.5)
-    first = jr.overturning.critical_factor(block, 0.85, motion).value[0]
+    factors = found["uplift_factor"] * np.geomspace(1, 50, 1568)
+    first = jr.overturning_boundaries(block, 0.85, motion, "factor", factors).value[0]
     assert found["rows"][0]["factor"] == pytest.approx(float(first), rel=1e-12)
     assert found["examined"][1] == pytest.approx(50 * found["uplift_factor"])
     short = ("--pulse", "half-sine", "--pulse-duration", 0.04)

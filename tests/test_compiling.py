@@ -103,22 +103,12 @@ CALLS = {
     ),
     "Suite": lambda k: suite(k).scaled(1.0 + k).measure("pga_ratio", block(k)),
     "Hazard": lambda k: jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4])(0.2 + 0.1 * k),
-    "add_size": lambda k: jr.spectra.add_size(
-        jr.harmonic_spectrum([2.0, 6.0 + k], [1.0, 6.0 + k], cycles=5),
-        jr.Block(0.2 + 0.1 * k, 5.0),
-    ),
     "amplification": lambda k: jr.amplification(scene(k)),
     "assess": lambda k: jr.assess(scene(k)),
     "assess_block": lambda k: jr.reports.assess_block(block(k), 0.7 + 0.01 * k),
     "choose": lambda k: jr.choose(scene(k), 0.01 + 0.01 * k),
     "critical_amplitude": lambda k: jr.critical_amplitude(
         jr.Block(0.1 + 0.02 * k, 5.0), 0.9, jr.Sine, 0.5
-    ),
-    "critical_duration": lambda k: jr.critical_duration(
-        block(k), 0.9, jr.Sine, 3.0 + 0.1 * k, (0.1, 1.0 + k)
-    ),
-    "critical_factor": lambda k: jr.overturning.critical_factor(
-        jr.Block(0.1 + 0.02 * k, 5.0), 0.9, record(seed=k), (1.0, 9.0), resolution=0.1
     ),
     "critical_intensity": lambda k: jr.critical_intensity(block(k), 0.7 + 0.01 * k),
     "critical_pulsed_amplitude": lambda k: jr.critical_pulsed_amplitude(
@@ -187,9 +177,6 @@ CALLS = {
     "overturning_map": lambda k: jr.overturning_map(jr.HalfSine, np.linspace(2.0 + k, 4, 3)),
     "overturning_margin": lambda k: jr.overturning_margin(scene(k)),
     "overturning_rate": lambda k: jr.overturning_rate(block(k), 0.8, site(k, [0.2, 0.9])),
-    "overturning_spectrum": lambda k: jr.overturning_spectrum(
-        jr.HalfSine, np.linspace(2.0 + k, 4, 3), np.linspace(2.0 + k, 4, 4)
-    ),
     "propagate": lambda k: jr.sensitivity.propagate(
         jr.rotation_ratio, scene(k), jr.Uncertain(_COEFFICIENTS)
     ),
@@ -221,9 +208,6 @@ CALLS = {
     "stabilized_velocity": lambda k: jr.stabilized_velocity(scene(k)),
     "symmetry_breaking_amplitude": lambda k: jr.steady.symmetry_breaking_amplitude(
         block(k), 0.9, 10.0 + k
-    ),
-    "survival_windows": lambda k: jr.survival_windows(
-        block(k), 0.9, pulse(k), np.linspace(0.5, 1.5, 9) + 0.1 * k
     ),
     "timing_costs": lambda k: jr.resonance.timing_costs(jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 3),
     "tornado": lambda k: jr.tornado(jr.rotation_ratio, scene(k), _RANGES),
@@ -286,7 +270,6 @@ ANSWERS = {
     jr.driven.Response,
     jr.sensitivity.MomentEstimate,
     jr.sensitivity.Sensitivities,
-    jr.overturning.SurvivalWindows,
     jr.sensitivity.TornadoBars,
     jr.risk.OverturningRate,
     jr.risk.RateElasticities,

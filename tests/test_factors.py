@@ -1,7 +1,5 @@
 """Factors on a motion: the one that lifts a block, and those between standing and falling."""
 
-import math
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +8,7 @@ from scenes import record
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.overturning import critical_factor, uplift_factor
+from jaxrock.overturning import uplift_factor
 
 pytestmark = pytest.mark.float64
 BLOCK = jr.Block(0.3, 3.0)
@@ -71,33 +69,34 @@ def test_slopes_of_the_uplift():
 def test_every_factor_between_standing_and_overturning():
     """Followed on both sides by the batch; from uplift on, and as often as it changes."""
     motion = with_vertical()
-    found = critical_factor(BLOCK, 0.8, motion)
+    levels = float(uplift_factor(BLOCK, motion)) * np.geomspace(1, 50, 400)
+    found = jr.overturning_boundaries(BLOCK, 0.8, motion, "factor", levels)
     assert found.complete
     assert not found.overturns_first
     assert found.count >= 1
     for value, beyond in zip(found.value, found.overturns_beyond, strict=True):
         sides = float(value) * np.array([1 - 1e-9, 1 + 1e-9])
-        falls = [
-            bool(jr.respond_batch(BLOCK, 0.8, motion.scaled(side)).overturned)
-            for side in sides
-        ]
-        assert falls == [not beyond, bool(beyond)]
-    levels = np.geomspace(1, 50, 1 + math.ceil(math.log(50) / math.log(1.0025)))
-    levels *= float(uplift_factor(BLOCK, motion))
+        falls = jr.respond_batch(BLOCK, 0.8, motion.scaled(sides)).overturned
+        assert falls.tolist() == [not beyond, bool(beyond)]
     falls = np.asarray(jr.respond_batch(BLOCK, 0.8, motion.scaled(levels)).overturned)
     changes = np.flatnonzero(falls[1:] != falls[:-1])
     assert changes.tolist() == (np.searchsorted(levels, found.value) - 1).tolist()
 
 
-@pytest.mark.thorough
 def test_of_a_pulse_it_is_the_amplitude():
+    """And the block stands again in the windows between the boundaries."""
     slim = jr.Block(0.1, 5.0)
-    factor = critical_factor(slim, 0.9, jr.Sine(4.0, 0.5), (1.0, 10.0))
+    pulse = jr.Sine(4.0, 0.5)
+    factors = float(uplift_factor(slim, pulse)) * np.geomspace(1, 10, 60)
+    found = jr.overturning_boundaries(slim, 0.9, pulse, "factor", factors)
     amplitude = jr.critical_amplitude(slim, 0.9, jr.Sine, 0.5)
-    np.testing.assert_allclose(4 * factor.value, amplitude.value, rtol=1e-9)
-    traced = jax.jit(
-        lambda s: critical_factor(
-            jr.Block(0.1, s), 0.9, jr.Sine(4.0, 0.5), (1.0, 2.0), resolution=0.1
-        ).value[0]
-    )
-    assert traced(5.0) == pytest.approx(float(factor.value[0]), rel=1e-9)
+    np.testing.assert_allclose(4 * found.value, amplitude.value, rtol=1e-9)
+    np.testing.assert_array_equal(found.windows, [found.value[1:]])
+    inside = jr.overturning_boundaries(slim, 0.9, pulse, "factor", factors[factors < 2])
+    np.testing.assert_allclose(inside.windows, [[found.value[1], np.inf]], rtol=1e-12)
+    above = factors[(factors > 0.8) & (factors < 2)]
+    above = jr.overturning_boundaries(slim, 0.9, pulse, "factor", above)
+    assert above.overturns_first
+    np.testing.assert_allclose(above.windows, inside.windows, rtol=1e-12)
+    below = jr.overturning_boundaries(slim, 0.9, pulse, "factor", [0.1, 0.2])
+    assert below.windows.shape == (0, 2)

@@ -74,19 +74,12 @@ def test_survival_windows(half_diagonal):
     block = jr.Block(half_diagonal * np.sin(0.2), 1 / np.tan(0.2))
     c = float(jr.housner_restitution(block))
     unit = 9.81 * np.tan(0.2)
-    found = jr.survival_windows(block, c, jr.Sine(unit, 0.5), np.linspace(1, 14, 300))
+    values = np.linspace(1, 14, 300)
+    found = jr.overturning_boundaries(block, c, jr.Sine(unit, 0.5), "factor", values)
     assert found.windows.shape == (1, 2)
     rocker = stepping.Rocker(float(block.half_width), float(block.slenderness), c)
 
-    edges = np.array([found.first_overturning, *found.windows[0]])
+    edges = np.array([found.value[0], *found.windows[0]])
     factors = np.concatenate([edges * (1 - 1e-5), edges * (1 + 1e-5)])
     theirs = stepping.follow(rocker, stepping.pulse("Sine", factors * unit, 0.5))
     assert theirs.overturned.tolist() == [False, True, False, True, False, True]
-
-
-def test_bad_input():
-    block = jr.Block(0.3, 4.0)
-    pulse = jr.Sine(2.0, 0.5)
-    none = jr.survival_windows(block, 0.9, pulse, [0.1, 0.2])
-    assert none.first_overturning == np.inf
-    assert none.windows.shape == (0, 2)

@@ -73,11 +73,12 @@ def test_labels():
 def test_files_follow_the_conventions(tmp_path, monkeypatch, intensity, options):
     """Whatever the numbers are."""
 
-    def zeros(points, *_, **__):
-        return dict.fromkeys([*spectra._VARIABLES, "model"], np.zeros(points.shape[1]))
+    def zeros(function, points, *_):
+        flat = np.zeros(points.shape[1])
+        single = function is not spectra._compute_scene
+        return flat > 0 if single else dict.fromkeys(spectra._VARIABLES, flat)
 
-    monkeypatch.setattr(spectra, "_compute_by_model", zeros)
-    monkeypatch.setattr(spectra, "_compute_by_cheapest", zeros)
+    monkeypatch.setattr(spectra, "_compute_at_points", zeros)
     grid = GRID | {"intensity": intensity} | options
     with jr.resonance_spectrum(**grid, store=tmp_path / "stored.nc") as stored:
         jr.resonance_spectrum(**grid).to_netcdf(tmp_path / "memory.nc")
@@ -116,7 +117,7 @@ BY_AXIS = {  # each function of spectra with a value of each of its axes, and it
         lambda spectrum: plot_rocking_spectrum(spectrum.isel(factor=0, missing_dims="ignore")),
     ),
     "overturning": (
-        functools.partial(jr.overturning_spectrum, jr.Sine),
+        functools.partial(jr.overturning_map, jr.Sine),
         {"frequency_ratio": 2.0, "amplitude_ratio": 1.5},
         lambda spectrum: None,
     ),

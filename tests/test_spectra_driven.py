@@ -19,17 +19,16 @@ def test_rocking_spectrum():
     assert float(point.peak_rotation) == pytest.approx(float(one.peak_rotation), rel=1e-3)
     ratio = float(point.rotation_ratio) * float(block.critical_angle)
     assert ratio == pytest.approx(float(point.peak_rotation), rel=1e-5)
-    angles = jr.rocking_spectrum(record, 4.0, critical_angle=np.arctan(1 / 6.0))
-    assert dict(angles.sizes) == {}
 
 
 @pytest.mark.float64
-def test_overturning_spectrum():
+def test_responses_over_the_plane():
     """Housner's threshold lies between the amplitudes on its sides, for every size."""
     ratio = np.pi / np.array([0.5, 1.0, 2.0])  # of frequencies, for p t1
     for k, edge in enumerate((2.5414941, 1.5819768, 1.1565177)):
-        found = jr.overturning_spectrum(
-            jr.Rectangular, ratio, [0.999 * edge, 1.001 * edge], model="linearized"
+        sides = [0.999 * edge, 1.001 * edge]
+        found = jr.overturning_map(
+            jr.Rectangular, ratio, amplitude_ratio=sides, model="linearized"
         )
         assert found.overturned.values[k].tolist() == [0, 1]
 
@@ -37,15 +36,15 @@ def test_overturning_spectrum():
 @pytest.mark.thorough
 @pytest.mark.float64
 def test_overturning_map():
-    """Its boundaries are those of the spectrum's outcomes, and Housner's closed form."""
+    """Its boundaries are those of the outcomes over the plane, and Housner's closed form."""
     ratio = np.array([1.0, 3.0, 6.0])
     found = jr.overturning_map(jr.Sine, ratio, (1.0, 12.0), restitution=0.9)
     levels = np.geomspace(1.01, 11.9, 57)
-    spectrum = jr.overturning_spectrum(jr.Sine, ratio, levels, restitution=0.9)
+    plane = jr.overturning_map(jr.Sine, ratio, amplitude_ratio=levels, restitution=0.9)
     edges = found.amplitude_ratio.values
     passed = (edges[:, :, None] < levels).sum(axis=1)
     np.testing.assert_array_equal((passed + found.overturns_first.values[:, None]) % 2,
-                                  spectrum.overturned.values)  # fmt: skip
+                                  plane.overturned.values)  # fmt: skip
     assert int((found.overturns_beyond == 0).sum()) > (np.isnan(edges)).sum()  # a window
     assert set(found.impacts.values[np.isfinite(edges)].tolist()) <= {0, 1, 2}
     linear = jr.overturning_map(jr.Rectangular, np.pi, model="linearized")  # p t1 = 1
@@ -53,9 +52,10 @@ def test_overturning_map():
 
 
 def test_chunks_change_nothing(monkeypatch):
-    whole = jr.overturning_spectrum(jr.Sine, [2.0, 3.0], np.linspace(1, 4, 7))
-    monkeypatch.setattr("jaxrock.spectra.driven._LARGEST", 4)
-    parts = jr.overturning_spectrum(jr.Sine, [2.0, 3.0], np.linspace(1, 4, 7))
+    plane = ([2.0, 3.0], (1.0, 10.0))
+    whole = jr.overturning_map(jr.Sine, *plane, amplitude_ratio=np.linspace(1, 4, 7))
+    monkeypatch.setattr("jaxrock.spectra.overturning.LARGEST", 4)
+    parts = jr.overturning_map(jr.Sine, *plane, amplitude_ratio=np.linspace(1, 4, 7))
     assert whole.identical(parts)
 
 

@@ -189,9 +189,6 @@ CALLED_WITH = {
         BLOCK, c, PULSE, "amplitude", [1.0, 5.0]
     ).value[0],
     "critical_amplitude": lambda c: jr.critical_amplitude(BLOCK, c, jr.HalfSine, 0.4).value[0],
-    "critical_duration": lambda c: jr.critical_duration(
-        BLOCK, c, jr.HalfSine, 4.0, (0.01, 1.0)
-    ).value[0],
     "respond_batch": lambda c: jr.respond_batch(BLOCK, c, PULSE).peak_rotation,
     "respond_to_train": lambda c: (
         jr.respond_to_train(BLOCK, c, [0.0, 0.5], [0.3, -0.3]).peak_rotation
@@ -203,15 +200,11 @@ CALLED_WITH = {
     "tornado": lambda c: (
         jr.tornado(jr.rotation_ratio, scene_of(c), {"restitution": (0.6, 0.8)}).value
     ),
-    "survival_windows": lambda c: jr.survival_windows(BLOCK, c, PULSE, (0.1, 5.0)),
     "resonance_spectrum": lambda c: jr.resonance_spectrum([3.0], [0.4], c, 0.15),
     "rocking_spectrum": lambda c: jr.rocking_spectrum(RECORD, [2.0], [5.0], c),
     "harmonic_spectrum": lambda c: jr.harmonic_spectrum([3.0], [1.0], restitution=c),
     "fragility": lambda c: jr.fragility(BLOCK, c, SUITE),
     "overturning_map": lambda c: jr.overturning_map(jr.HalfSine, [2.0], restitution=c),
-    "overturning_spectrum": lambda c: jr.overturning_spectrum(
-        jr.HalfSine, [2.0], [4.0], restitution=c
-    ),
     "model_error": lambda c: jr.model_error(scene_of(c)).linearization.rotation_ratio,
     "Hazard": lambda level: SITE.hazard(level),
     "overturning_rate": lambda c: jr.overturning_rate(BLOCK, c, SITE).rate,
@@ -231,7 +224,6 @@ SLOW = (
     "critical_pulsed_amplitude",
     "overturning_boundaries",
     "respond",
-    "critical_duration",
     "overturning_rate",
     "required_value",
 )

@@ -214,23 +214,24 @@ def _find_boundaries(
     known: Any = {"model": model}
     # The motion has 1 m/s2 where the amplitude is sought: this factor is the amplitude then.
     uplift = float(overturning.uplift_factor(block, motion, **known))
-    if values is not None or along != strength or not (replaced is None or options.pulse):
-        examined = read_numbers("values", values or ())
-        limits = (examined[0], examined[-1])
-        found = overturning.overturning_boundaries(block, c, motion, along, examined, **known)
-    elif along == "factor":
-        limits = (uplift, 50 * uplift)
-        found = overturning.critical_factor(block, c, motion, (1.0, 50.0), **known)
-    else:
+    if values is None and along == "amplitude" and options.pulse:
         shape, duration = PULSES[str(options.pulse)], options.pulse_duration or math.nan
         # High amplitudes, of short pulses, if there is no boundary among the lower ones.
-        for low, high in ((1.0, 10.0), (10.0, 100.0)):
-            limits = (uplift, high * uplift)
-            found = overturning.critical_amplitude(
-                block, c, shape, duration, (low, high), **known
-            )
+        for ratios in ((1.0, 10.0), (10.0, 100.0)):
+            limits = (uplift, ratios[1] * uplift)
+            found = overturning.critical_amplitude(block, c, shape, duration, ratios, **known)
             if found.count:
                 break
+    else:
+        if values is None and along == "factor":
+            if np.isinf(uplift):
+                raise ValueError("no factor on the motion lifts the block")
+            # Outcomes under a record change so often that windows of 0.25 % are sought.
+            examined = uplift * np.geomspace(1, 50, 1568)
+        else:
+            examined = read_numbers("values", values or ())
+        limits = (examined[0], examined[-1])
+        found = overturning.overturning_boundaries(block, c, motion, along, examined, **known)
     # A boundary may be hidden among values that were given up: a table with gaps would mislead.
     driven.require_complete(
         found.complete, **{along: f"between {limits[0]:g} and {limits[1]:g}"}

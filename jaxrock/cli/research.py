@@ -11,7 +11,7 @@ from ..accuracy import measure_tradeoff
 from ..block import RECTANGLE_INERTIA_RATIO
 from ..driven import DrivenScene, uplift_acceleration
 from ..grids import compute_overturned_fraction
-from ..impact import describe_assumed_restitution
+from ..impact import describe_assumed_restitution, require_free_standing
 from ..reports import paper as report_of_paper
 from ..resonance import Scene, as_model
 from .answers import Answer
@@ -198,17 +198,17 @@ def harmonic(
     if amplitude is not None:
         unit = float(uplift_acceleration(block, as_model(model)))
         amplitudes = read_axis("amplitude", amplitude) / unit
-    c = block_options.restitution
+    require_free_standing(block, "a harmonic spectrum")
     with output.write("harmonic") as files:
         from ..plot import plot_harmonic
 
         body = {n: float(getattr(block, n)) for n in ("slenderness", "inertia_ratio")}
-        asked = {"restitution": c, "model": model, "cycles": cycles}
+        asked = {"restitution": block_options.restitution, "model": model, "cycles": cycles}
         dataset = spectra.harmonic_spectrum(frequencies, amplitudes, **body, **asked)
         if with_size:
             dataset = spectra.add_size(dataset, block)
         files.write_dataset(dataset, plot_harmonic(dataset))
-    assumed = f"\n{describe_assumed_restitution(block)}" * (c is None)
+    assumed = f"\n{describe_assumed_restitution(block)}" * (block_options.restitution is None)
     text = f"{spectra.describe_regions(dataset)}{assumed}"
     return Answer(text, spectra.tabulate_regions(dataset), output, files.paths)
 

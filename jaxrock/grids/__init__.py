@@ -1,8 +1,8 @@
 """Grids that are computed in parts: in memory, in files, lazily by Dask, in Zarr stores.
 
 Dask and Zarr come with ``jaxrock[cluster]``. With ``chunks``, functions that return a dataset
-over a grid return it lazily: `resonance_spectrum`, `rocking_spectrum`,
-`overturning_spectrum`, `overturning_map` and `harmonic_spectrum`.
+over a grid return it lazily: `resonance_spectrum`, `rocking_spectrum`, `overturning_map` and
+`harmonic_spectrum`.
 """
 
 from .axes import Chunks as Chunks

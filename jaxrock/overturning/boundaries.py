@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions
+from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions, require_complete
 from ..ground_motion import Motion, Suite
 from ..host import Printed, count_work, format_fields
 from ..numerics import EvaluatedMargin, find_brackets, find_brackets_traced, refine_brackets
@@ -21,6 +21,7 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
+    check_concrete,
     choose_namespace,
     is_traced,
 )
@@ -94,12 +95,35 @@ class Boundaries(Printed, eqx.Module):
                 f"after {number} impact{'s' * (number > 1)}" if number else "without an impact"
             )
             beyond = does[bool(self.overturns_beyond[k])]
-            place = format_value(self.along, float(self.value[k]))
-            lines.append(f"{beyond} beyond {place} (overturning {mode})")
+            value = format_value(self.along, float(self.value[k]))
+            lines.append(f"{beyond} beyond {value} (overturning {mode})")
         if len(lines) > _MAX_LINES:
             left_out = f"... {len(lines) - _MAX_LINES + 1} more boundaries ..."
             lines[_MAX_LINES - 2 : -1] = [left_out]
         return "\n".join(lines)
+
+    @property
+    def windows(self) -> np.ndarray:
+        """Windows in which one block stands although a lower value overturns it.
+
+        Returns
+        -------
+        ndarray, shape (windows, 2)
+            Ends of the windows [unit of the quantity]; inf where the values end before the
+            window does.
+
+        Raises
+        ------
+        ValueError
+            If these are boundaries of several blocks, or an integration did not finish.
+        """
+        check_concrete(self, "the number of windows depends on the answers")
+        if self.count.ndim:
+            raise ValueError(f"windows are of one block, got shape {self.count.shape}")
+        require_complete(self.complete, quantity=self.along)
+        value = np.append(self.value[: int(self.count)], np.inf)
+        stands = ~np.asarray(self.overturns_beyond)[: value.size - 1]
+        return np.column_stack([value[:-1], value[1:]])[stands]
 
     def table(self) -> dict[str, list[Any]]:
         """List the boundaries of one block as columns.
@@ -187,22 +211,20 @@ def search_boundaries(
     block: Block, restitution: Number, motion: Motion | Suite, values: Numbers, search: Search
 ) -> Boundaries:
     """Search the boundaries in a range; a `ValueError` if an argument is not allowed."""
-    subject, places = check_subject(block, restitution, motion, search.along, values)
-    return find_boundaries(subject, places, search)[0]
+    subject, levels = check_subject(block, restitution, motion, search.along, values)
+    return find_boundaries(subject, levels, search)[0]
 
 
 # With the boundaries, the values right behind them at which the block overturns.
 _Sides = tuple[Boundaries, AnyArray]
 
 
-def find_boundaries(subject: Subject, places: Reals, search: Search) -> _Sides:
+def find_boundaries(subject: Subject, values: Reals, search: Search) -> _Sides:
     """Find both sides of the boundaries between values, for a subject that has been checked."""
     if search.max_boundaries < 1:
         raise ValueError(f"max_boundaries must be at least 1, got {search.max_boundaries}")
-    # The boundaries under a record must not depend on which others are in its suite.
-    alone = search.alone or isinstance(subject.motion, GroundMotions)
-    search = search._replace(model=as_model(search.model), alone=alone)
-    return _compute_boundaries(subject, places, search=search)
+    search = search._replace(model=as_model(search.model))
+    return _compute_boundaries(subject, values, search=search)
 
 
 @eqx.filter_custom_jvp
@@ -213,19 +235,18 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     """
     traced = is_traced((subject, values))
     library = choose_namespace((subject, values))
-    # All cases one after the other: parameters of shape (cases,), values of shape (cases,
-    # places).
+    # All cases one after the other: parameters of shape (cases,), values of shape (cases, n).
     parameters, samples = split_parameters(subject)
     parameters, values = jax.tree.map(library.asarray, (parameters, values))
     shape = np.broadcast_shapes(
         *(leaf.shape for leaf in jax.tree.leaves(parameters)), values.shape[:-1]
     )
     size = math.prod(shape)
-    places = values.shape[-1]
     parameters = jax.tree.map(
         lambda leaf: library.broadcast_to(leaf, shape).reshape(-1), parameters
     )
-    table = library.broadcast_to(values, (*shape, places)).reshape(size, places)
+    length = values.shape[-1]
+    table = library.broadcast_to(values, (*shape, length)).reshape(size, length)
 
     def simulate(index: AnyArray, value: AnyArray) -> BatchResponse:
         """Simulate the motions of cases, by their indices, at values of the quantity."""
@@ -244,7 +265,9 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     else:
         with count_work("search for boundaries", table.size):
             pairs = find_brackets(evaluate, table, search.halvings)
-    changes = refine_brackets(evaluate, pairs, traced, search.alone, search.tolerance)
+    # The boundaries under a record must not depend on which others are in its suite.
+    alone = isinstance(subject.motion, GroundMotions)
+    changes = refine_brackets(evaluate, pairs, traced, alone, search.tolerance)
     stands = changes.stands
     falls = changes.falls
     eps = float(jnp.finfo(table.dtype).eps)

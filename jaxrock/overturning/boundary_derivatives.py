@@ -166,9 +166,7 @@ class _Edges(NamedTuple):
             directions,
         )
         # Searches that differ in what plays no role here share a program.
-        search = self.search._replace(
-            max_boundaries=0, halvings=0, drop_unknown=False, alone=False, tolerance=None
-        )
+        search = Search(self.search.along, self.search.model, 0)
         if is_traced(self.rows):
             result = _differentiate_residual(
                 self.samples, directions.size, *columns, form=self.form, search=search

@@ -48,8 +48,6 @@ class Search(NamedTuple):
     drop_unknown : bool
         Whether derivatives that cannot be had are 0 instead of NaN, so that a sum over many
         boundaries has those of all others.
-    alone : bool
-        Whether a boundary has the same bits whatever else is sought at the same time.
     tolerance : float or None
         Relative width [-] of the bracket around a boundary at which refinement ends. None: to
         rounding.
@@ -60,7 +58,6 @@ class Search(NamedTuple):
     max_boundaries: int
     halvings: int = 0
     drop_unknown: bool = False
-    alone: bool = False
     tolerance: float | None = None
 
 
@@ -105,25 +102,25 @@ def check_subject(
     single = motion[0] if isinstance(motion, Suite) else motion
     allowed = [name for name in _NAMES if isinstance(single, _MOTIONS.get(name, Motion))]
     along = as_name("along", along, allowed)
-    places = as_real("values", values)
-    check("values", places, _DOMAINS.get(along, QUANTITIES[along].domain))
+    levels = as_real("values", values)
+    check("values", levels, _DOMAINS.get(along, QUANTITIES[along].domain))
     restitution = read_restitution(block, restitution)
     if isinstance(single, Record) and single.acceleration.ndim > 1:
         raise ValueError("motion must be one record, got an array of them")
-    if places.ndim == 0 or places.shape[-1] < 2:
+    if levels.ndim == 0 or levels.shape[-1] < 2:
         raise ValueError(
-            f"values must have at least two elements, got an array of shape {places.shape}"
+            f"values must have at least two elements, got an array of shape {levels.shape}"
         )
-    of_each = np.broadcast_to(0.0, places.shape[:-1])
-    check_shapes(block=block, restitution=restitution, motion=single, values=of_each)
-    check_increasing("values", places)
-    block, restitution, motion, places = unify_precision((block, restitution, motion, places))
+    cases = np.broadcast_to(0.0, levels.shape[:-1])
+    check_shapes(block=block, restitution=restitution, motion=single, values=cases)
+    check_increasing("values", levels)
+    block, restitution, motion, levels = unify_precision((block, restitution, motion, levels))
     # The samples of records are brought into the form of the batch here, once for all values.
     if isinstance(motion, Record | Suite):
-        batch = Batch.of(block, restitution, motion, axes=places.ndim - 1)
-        return Subject(batch.block, batch.restitution, batch.ground), places
+        batch = Batch.of(block, restitution, motion, axes=levels.ndim - 1)
+        return Subject(batch.block, batch.restitution, batch.ground), levels
     assert isinstance(motion, Pulse | Harmonic)
-    return Subject(block, restitution, motion), places
+    return Subject(block, restitution, motion), levels
 
 
 def split_parameters(subject: Subject) -> tuple[Subject, Subject]:

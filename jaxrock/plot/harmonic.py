@@ -43,7 +43,8 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     spectrum : xarray.Dataset
-        From `jaxrock.spectra.harmonic_spectrum`, perhaps with `jaxrock.spectra.add_size`.
+        From `jaxrock.spectra.harmonic_spectrum`; that of the command ``harmonic`` with a width
+        has the size of the block.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 

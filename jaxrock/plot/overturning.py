@@ -40,8 +40,7 @@ def plot_boundaries(
     Parameters
     ----------
     boundaries : Boundaries
-        Of one block, from `jaxrock.overturning_boundaries`, `jaxrock.critical_amplitude`,
-        `jaxrock.critical_duration` or `jaxrock.overturning.critical_factor`.
+        Of one block, from `jaxrock.overturning_boundaries` or `jaxrock.critical_amplitude`.
     ends : tuple of two floats
         First and last of the values that were examined.
     ax : matplotlib.axes.Axes, optional
@@ -62,8 +61,8 @@ def plot_boundaries(
     Examples
     --------
     >>> import jaxrock as jr
-    >>> boundaries = jr.critical_duration(jr.Block(0.1, 5.0), 0.9, jr.HalfSine, 4.0, (0.01, 1.0))
-    >>> axes = jr.plot.plot_boundaries(boundaries, (0.01, 1.0))
+    >>> boundaries = jr.critical_amplitude(jr.Block(0.1, 5.0), 0.9, jr.Sine, 0.5)
+    >>> axes = jr.plot.plot_boundaries(boundaries, (1.962, 19.62), uplift=1.962)
     """
     check_result("boundaries", boundaries, Boundaries, "overturning_boundaries(...)")
     if np.ndim(boundaries.count):

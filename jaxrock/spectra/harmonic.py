@@ -17,25 +17,22 @@ from ..driven import (
     uplift_acceleration,
 )
 from ..grids import (
+    Chunks,
     Grid,
     GridVariable,
     Values,
     apply_in_tiles,
-    as_axis,
     describe_axis,
     expand_scalars,
     list_points,
 )
 from ..ground_motion import Harmonic
-from ..impact import housner_restitution, require_free_standing
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..steady import HarmonicOrbit, harmonic_orbit
-from ..validation import UNIT_INTERVAL, Reals, as_real, check, check_concrete, check_kind
+from .blocks import SharedBlock, VariableTable, make_axes, make_unit_block, make_variables
 
 if TYPE_CHECKING:
     import xarray
-
-    from ..grids import Chunks
 
 _LARGEST = 2**12  # points of a spectrum that are computed at once
 _TILE = 2**6  # points whose orbits go through a program at once
@@ -52,12 +49,12 @@ _AXES = {  # long names
     "frequency_ratio": "frequency of the floor over p",
     "amplitude_ratio": "amplitude of the floor over the one that just lifts the block",
 }
-_VARIABLES = {  # long names and units
-    "velocity_ratio": ("launch velocity over critical velocity", "1"),
-    "rotation_ratio": ("peak rotation over critical angle", "1"),
-    "phase": ("phase of the floor at an impact, after which rotation is positive", "rad"),
-    "trace": ("sum of the two multipliers of the half-period map", "1"),
-    "multiplier": ("larger modulus of the two multipliers", "1"),
+_VARIABLES: VariableTable = {
+    "velocity_ratio": (float, "launch velocity over critical velocity", "1"),
+    "rotation_ratio": (float, "peak rotation over critical angle", "1"),
+    "phase": (float, "phase of the floor at impacts before positive rotation", "rad"),
+    "trace": (float, "sum of the two multipliers of the half-period map", "1"),
+    "multiplier": (float, "larger modulus of the two multipliers", "1"),
 }
 _FLAGS = {  # long names and meanings
     "region": (
@@ -80,7 +77,7 @@ def harmonic_spectrum(
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     model: ModelLike = Nonlinear(),
     cycles: int = 100,
-    chunks: "Chunks | None" = None,
+    chunks: Chunks | None = None,
 ) -> "xarray.Dataset":
     """Compute steady rocking on a harmonic floor, over its frequency and amplitude.
 
@@ -131,47 +128,24 @@ def harmonic_spectrum(
     >>> print(found.region.values.tolist())
     [[0, 1, 3], [0, 1, 1]]
     """
-    given = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
-    axes = {name: as_axis(name, values) for name, values in given.items()}
+    axes = make_axes(frequency_ratio=frequency_ratio, amplitude_ratio=amplitude_ratio)
     model = as_model(model)
-    block = Block(0.2, slenderness, inertia_ratio=inertia_ratio)
-    if restitution is None:
-        restitution = max(float(housner_restitution(block)), 0.0)
-    check_concrete(restitution, "a spectrum is a dataset")
-    check("restitution", as_real("restitution", restitution, unit=""), UNIT_INTERVAL)
-    uplift = float(uplift_acceleration(block, model))
-    rate = float(block.frequency_parameter)
-    critical = float(model.critical_velocity(block))
+    shared, about = make_unit_block(slenderness, restitution, inertia_ratio)
     Harmonic(1.0, 1.0, cycles)  # raises here, before any work, if `cycles` is not allowed
-
-    variables = {
-        name: GridVariable(tuple(axes), float, {"long_name": long_name, "units": units})
-        for name, (long_name, units) in _VARIABLES.items()
-    }
+    variables = make_variables((*axes,), _VARIABLES)
     for name, (long_name, meanings) in _FLAGS.items():
         values = np.arange(len(meanings.split()), dtype=np.int8)
         described = {"long_name": long_name, "flag_values": values, "flag_meanings": meanings}
-        variables[name] = GridVariable(tuple(axes), np.int8, described)
-    attributes = {
-        "model": model.name,
-        "motion": Harmonic.name,
-        "slenderness": slenderness,
-        "restitution": restitution,
-        "inertia_ratio": inertia_ratio,
-        "cycles": cycles,
-    }
-    compute = functools.partial(_compute_floors, uplift, rate, critical, cycles, model)
-    shared = (block, as_real("restitution", restitution, unit=""))
-    grid = Grid(
+        variables[name] = GridVariable((*axes,), np.int8, described)
+    spectrum = Grid(
         "Harmonic spectrum",
         axes,
         variables,
-        attributes,
-        compute,
+        {"model": model.name, "motion": Harmonic.name, **about, "cycles": cycles},
+        functools.partial(_compute_floors, cycles, model),
         _LARGEST,
         shared=shared,
-    )
-    spectrum = grid.build_dataset(chunks)
+    ).build_dataset(chunks)
     # The axes are called after pulses, which these names have in other spectra.
     for name, long_name in _AXES.items():
         spectrum[name].attrs["long_name"] = long_name
@@ -179,46 +153,7 @@ def harmonic_spectrum(
 
 
 def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
-    """Add the frequencies and amplitudes of one block to a harmonic spectrum.
-
-    Parameters
-    ----------
-    spectrum : xarray.Dataset
-        From `harmonic_spectrum`.
-    block : Block
-        A single one, of the slenderness and the inertia ratio of the spectrum.
-
-    Returns
-    -------
-    xarray.Dataset
-        With the coordinates frequency [Hz] along frequency_ratio and amplitude [m/s2] along
-        amplitude_ratio, and the attributes width and height [m], gravity and
-        uplift_amplitude [m/s2].
-
-    Raises
-    ------
-    ValueError
-        If the slenderness or the inertia ratio of `block` is not that of the spectrum, or if
-        it is an array or one-sided.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> found = jr.harmonic_spectrum([2.0, 4.0], [0.01, 1.5, 8.0], cycles=20)
-    >>> sized = jr.spectra.add_size(found, jr.Block(0.2, 5.0))
-    >>> print(sized.frequency.values.round(2), f"Hz, {sized.uplift_amplitude:.3f} m/s2")
-    [0.85 1.71] Hz, 1.962 m/s2
-    """
-    check_kind("block", block, Block)
-    require_free_standing(block, "a harmonic spectrum")
-    for name in ("slenderness", "inertia_ratio"):
-        given = np.asarray(getattr(block, name))
-        expected = spectrum.attrs[name]
-        # The attributes may be of another precision than the block.
-        if given.ndim or not np.isclose(given, expected, rtol=1e-6):
-            raise ValueError(
-                f"block must have the {name} of the spectrum, {expected:g}, got {given}"
-            )
+    """Add the frequencies [Hz] and amplitudes [m/s2] of one block to its harmonic spectrum."""
     uplift = float(uplift_acceleration(block, as_model(spectrum.attrs["model"])))
     hertz = float(block.frequency_parameter) / (2 * np.pi)
     numbers = {name: float(getattr(block, name)) for name in ("width", "height", "gravity")}
@@ -233,39 +168,42 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
 
 
 def _compute_floors(
-    uplift: float,
-    rate: float,
-    critical: float,
-    cycles: int,
-    model: RockingModel,
-    shared: tuple[Block, Reals],
-    *parts: np.ndarray,
+    cycles: int, model: RockingModel, shared: SharedBlock, *parts: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Compute orbits and regions over a part of the plane."""
     block, restitution = shared
     shape, (ratios, strengths) = list_points(*parts)
-    amplitude = strengths * uplift
-    frequency = ratios * rate
+    amplitude = strengths * float(uplift_acceleration(block, model))
+    frequency = ratios * float(block.frequency_parameter)
 
     def compute_tile(_: int, floors: np.ndarray) -> HarmonicOrbit:
         with _turns:
-            return jax.block_until_ready(
-                harmonic_orbit(block, restitution, *floors, model=model)
-            )
+            orbit = harmonic_orbit(block, restitution, *floors, model=model)
+            return jax.block_until_ready(orbit)
 
     orbit = apply_in_tiles(compute_tile, _TILE, np.stack([amplitude, frequency]))
-    motion = Harmonic(amplitude, frequency, cycles)
-    region, peak_near_orbit = _classify_orbits(
-        block, restitution, amplitude, frequency, cycles, orbit, model
-    )
     # A velocity, though it is 0: with one the program compiled for launched blocks serves.
+    motion = Harmonic(amplitude, frequency, cycles)
     from_rest = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
     peak_from_rest = np.asarray(follow_batch(from_rest, model).peak_rotation)
+    # 0 where no orbit is unstable, and NaN where the integration did not finish.
+    peak_near_orbit = np.zeros_like(peak_from_rest)
+    unstable = np.flatnonzero(np.asarray(orbit.exists) & ~np.asarray(orbit.stable))
+    if unstable.size:
+        motion = Harmonic(amplitude[unstable], frequency[unstable], cycles)
+        launch = (1 + _DISTURBANCE) * np.asarray(orbit.launch_velocity)[unstable]
+        # Launched at its phase of the first period.
+        phase = np.mod(np.asarray(orbit.phase)[unstable], 2 * np.pi)
+        batch = Batch.of(block, restitution, motion, velocity=launch)
+        launched = batch.advance(phase / np.asarray(motion.frequency))
+        peak_near_orbit[unstable] = follow_batch(launched, model).peak_rotation
     known = ~np.isnan(peak_near_orbit + peak_from_rest)
     labels = dict(zip(_AXES, map(np.atleast_1d, parts), strict=True))
     require_complete(known.reshape([values.size for values in labels.values()]), **labels)
+    region = np.asarray(orbit.stable, np.int8)
+    region[unstable] = 2
     answers = {
-        "velocity_ratio": np.asarray(orbit.launch_velocity) / critical,
+        "velocity_ratio": orbit.launch_velocity / float(model.critical_velocity(block)),
         "rotation_ratio": orbit.rotation_ratio,
         "phase": orbit.phase,
         "trace": orbit.trace,
@@ -276,64 +214,11 @@ def _compute_floors(
     return {name: np.asarray(values).reshape(shape) for name, values in answers.items()}
 
 
-def _classify_orbits(
-    block: Block,
-    restitution: Reals,
-    amplitude: np.ndarray,
-    frequency: np.ndarray,
-    cycles: int,
-    orbit: HarmonicOrbit,
-    model: RockingModel,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Classify the orbits, and simulate blocks near orbits that are not stable.
-
-    Returns
-    -------
-    region : ndarray of int8
-        As in `_FLAGS`, where the block does not overturn.
-    peak : ndarray
-        Peak rotation near an orbit that is not stable [rad]; 0 elsewhere, NaN where the
-        integration did not finish.
-    """
-    region = np.asarray(orbit.stable, np.int8)
-    peaks = np.zeros(region.shape, np.asarray(orbit.phase).dtype)
-    exists = np.asarray(orbit.exists)
-    unstable = np.flatnonzero(exists & (region == 0))
-    if unstable.size:
-        motion = Harmonic(amplitude.flat[unstable], frequency.flat[unstable], cycles)
-        phase = np.asarray(orbit.phase).flat[unstable]
-        launch = np.asarray(orbit.launch_velocity).flat[unstable]
-        batch = Batch.of(block, restitution, motion, velocity=(1 + _DISTURBANCE) * launch)
-        # Launched at its phase of the first period.
-        launched = batch.advance(np.mod(phase, 2 * np.pi) / np.asarray(motion.frequency))
-        peaks.flat[unstable] = follow_batch(launched, model).peak_rotation
-        region.flat[unstable] = 2
-    return region, peaks
-
-
 def _flag_toppled(peak: np.ndarray) -> np.ndarray:
     """Flag blocks that have fallen by 1, others by 0."""
     # By rotation and not by energy: the floor goes on moving, so that it does not count what
     # the block would do on a floor at rest.
     return (peak >= np.asarray(TOPPLED_ROTATION, peak.dtype)).astype(np.int8)
-
-
-def lowest_stable_amplitude(dataset: "xarray.Dataset") -> "xarray.DataArray":
-    """Find the lowest amplitude of a grid at which steady rocking is stable.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        A harmonic spectrum with the units of one block, of `add_size`.
-
-    Returns
-    -------
-    xarray.DataArray
-        Amplitude [m/s2] over the increasing frequency, NaN where it is stable at none.
-    """
-    dataset = expand_scalars(dataset, *_AXES)
-    stable = dataset.region == _FLAGS["region"][1].split().index("stable")
-    return dataset.amplitude.where(stable).min("amplitude_ratio").sortby("frequency_ratio")
 
 
 def tabulate_regions(dataset: "xarray.Dataset") -> dict[str, object]:
@@ -357,9 +242,12 @@ def tabulate_regions(dataset: "xarray.Dataset") -> dict[str, object]:
         table[name] = {word: float((dataset[name] == k).mean()) for k, word in counted}
     if "amplitude" in dataset.coords:
         table["uplift_amplitude"] = dataset.attrs["uplift_amplitude"]
+        dataset = expand_scalars(dataset, *_AXES)
+        stable = dataset.region == _FLAGS["region"][1].split().index("stable")
+        lowest = dataset.amplitude.where(stable).min("amplitude_ratio")
         table["rows"] = [
-            {"frequency": float(lowest.frequency), "rocks_on_from": float(lowest)}
-            for lowest in lowest_stable_amplitude(dataset)
+            {"frequency": float(amplitude.frequency), "rocks_on_from": float(amplitude)}
+            for amplitude in lowest.sortby("frequency_ratio")
         ]
     return table
 

@@ -1,9 +1,9 @@
 """Resonance spectra: functions of one scene, mapped along each axis of a grid."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -13,21 +13,16 @@ from jaxtyping import Array, PyTree
 from .. import resonance
 from ..accuracy import is_linearized_enough
 from ..block import RECTANGLE_INERTIA_RATIO, Block, warn_of_size
-from ..grids import Grid, GridVariable, Values, apply_in_tiles, as_axis, list_points
+from ..grids import Chunks, Grid, GridVariable, Values, apply_in_tiles, list_points
 from ..host import count_processors
 from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, Scene
-from ..validation import AT_LEAST_ONE, POSITIVE, as_flag, as_real, check
-from .restitutions import take_magnitudes
+from ..validation import POSITIVE, as_real, check
+from .blocks import describe_blocks, make_axes, make_variables, take_magnitudes
 
 if TYPE_CHECKING:
     import xarray
 
-    from ..grids import Chunks
-
-Devices = Sequence[jax.Device] | None
-_Argument = TypeVar("_Argument")
-
-RESONANCE_AXES = ("slenderness", "width", "restitution", "intensity")
+_AXES = ("slenderness", "width", "restitution", "intensity")
 # Points that go through a program at once. On one processor a tile is so small that its cache
 # holds what passes from one loop of the program to the next. Several processors share each
 # loop, so that a tile can be larger. Programs of both sizes round alike, which a test
@@ -40,10 +35,7 @@ _VARIABLES = {  # long name and unit
     "peak_rotation": ("stabilized peak rotation", "rad"),
     "stabilized_period": ("stabilized period", "s"),
     "amplification": ("stabilized peak rotation over peak after the first pulse", "1"),
-    "overturning_margin": (
-        "missing energy over the energy barrier, overturns at 0 or less",
-        "1",
-    ),
+    "overturning_margin": ("missing energy over the barrier, overturns at 0 or less", "1"),
     "overturning_half_cycle": ("first half-cycle that overturns, inf if none does", "1"),
     "critical_intensity": ("intensity of unlimited pulses that just overturn", "m s-1"),
 }
@@ -66,8 +58,7 @@ def resonance_spectrum(  # noqa: PLR0913
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     one_sided: bool = False,
     store: str | Path | None = None,
-    devices: Sequence[Any] | None = None,
-    chunks: "Chunks | None" = None,
+    chunks: Chunks | None = None,
 ) -> "xarray.Dataset":
     """Compute resonance spectra over a full grid of blocks, restitutions and pulse intensities.
 
@@ -90,9 +81,6 @@ def resonance_spectrum(  # noqa: PLR0913
         A NetCDF file to which the values are written as they are computed, and from which the
         dataset reads them on demand, so that they need not fit into memory. An existing file
         is replaced once the new one is complete.
-    devices : sequence of jax.Device, optional
-        Devices that divide the work; by default all devices of this process. The values do
-        not depend on them.
     chunks : mapping of str to int or "auto", optional
         Lengths of chunks by dimension, as in ``{"slenderness": 50}``; other dimensions are
         not divided. The dataset is then lazy: it has Dask arrays, with one task for each
@@ -121,58 +109,34 @@ def resonance_spectrum(  # noqa: PLR0913
     >>> print(spectrum.rotation_ratio.sel(width=0.4).values.round(3))
     [0.077 0.317]
     """
-    constants = {"gravity": gravity, "inertia_ratio": inertia_ratio}
-    shared = [as_real("gravity", gravity), as_real("inertia_ratio", inertia_ratio, unit="")]
-    for name, value, domain in zip(constants, shared, (POSITIVE, AT_LEAST_ONE), strict=True):
-        check(name, value, domain)
-    is_auto = isinstance(model, str) and model == "auto"
-    single = None if is_auto else resonance.as_model(model)
+    single = None if isinstance(model, str) and model == "auto" else resonance.as_model(model)
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
-    if devices and chunks is not None:
-        raise ValueError(
-            "devices and chunks exclude each other: each worker has devices of its own"
-        )
-    if as_flag("one_sided", one_sided):
+    name = single.name if single else "auto"
+    block, attributes = describe_blocks(name, gravity, inertia_ratio, one_sided)
+    if one_sided:
         restitution = take_magnitudes(restitution)
-    given = (slenderness, width, restitution, intensity)
-    axes = {
-        name: as_axis(name, values) for name, values in zip(RESONANCE_AXES, given, strict=True)
-    }
+    axes = make_axes(
+        slenderness=slenderness, width=width, restitution=restitution, intensity=intensity
+    )
     warn_of_size("width", axes["width"])
-    variables = {
-        name: GridVariable(
-            RESONANCE_AXES, jnp.result_type(float), {"long_name": long_name, "units": units}
-        )
-        for name, (long_name, units) in _VARIABLES.items()
-    }
+    dtype = jnp.result_type(float)
+    table = {name: (dtype, *described) for name, described in _VARIABLES.items()}
+    variables = make_variables(_AXES, table)
     # The critical intensity is itself a value along the axis of intensities.
     critical = variables["critical_intensity"]
-    variables["critical_intensity"] = critical._replace(dims=RESONANCE_AXES[:3])
-    numbers = {name: float(value) for name, value in constants.items()}
-    attributes = {"model": "auto", **numbers, "gravity_units": "m s-2"}
-    if one_sided:
-        attributes["one_sided"] = 1
-    if single:
-        attributes["model"] = single.name
-        compute = functools.partial(
-            _compute_by_model, one_sided=one_sided, model=single, devices=devices
-        )
-    else:
+    variables["critical_intensity"] = critical._replace(dims=_AXES[:3])
+    if single is None:
         attributes["tolerance"] = tolerance
-        variables["model"] = GridVariable(RESONANCE_AXES, np.int8, _MODEL)
-        compute = functools.partial(
-            _compute_by_cheapest, one_sided=one_sided, tolerance=tolerance, devices=devices
-        )
-    grid = Grid(
+        variables["model"] = GridVariable(_AXES, np.int8, _MODEL)
+    return Grid(
         "Resonance spectra of rigid rocking blocks",
         axes,
         variables,
         attributes,
-        functools.partial(_compute_chunk, compute),
+        functools.partial(_compute_part, single, tolerance),
         _LARGEST,
-        shared=tuple(shared),
-    )
-    return grid.build_dataset(chunks, store)
+        shared=block,
+    ).build_dataset(chunks, store)
 
 
 def _compute_scene(scene: Scene, model: RockingModel) -> dict[str, Array]:
@@ -193,14 +157,16 @@ def _critical_intensity(scene: Scene, model: RockingModel) -> Array:
     return resonance.critical_intensity(scene.block, scene.restitution, model=model)
 
 
-def _compute_chunk(
-    compute: Callable[..., dict[str, np.ndarray]],
-    shared: Sequence[Array],
-    *parts: np.ndarray,
+def _compute_part(
+    model: RockingModel | None, tolerance: float, block: Block, *parts: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Compute all variables over a chunk."""
+    """Compute all variables over a part of a grid, by a model or the cheapest at each point."""
     shape, points = list_points(*parts)
-    answers = {name: v.reshape(shape) for name, v in compute(points, shared).items()}
+    if model is not None:
+        answers = _compute_at_points(_compute_scene, points, block, model)
+    else:
+        answers = _compute_by_cheapest(points, block, tolerance)
+    answers = {name: values.reshape(shape) for name, values in answers.items()}
     # The critical intensity is the same along the axis of intensities: the first point stands
     # for all of them.
     if parts[-1].ndim:
@@ -208,87 +174,59 @@ def _compute_chunk(
     return answers
 
 
-def _compute_by_model(
-    points: np.ndarray,
-    shared: Sequence[Array],
-    *,
-    one_sided: bool,
-    model: RockingModel,
-    devices: Devices,
-) -> dict[str, np.ndarray]:
-    """Compute all variables at points by one model."""
-    return _compute_at_points(_compute_scene, points, shared, one_sided, devices, model)
-
-
 def _compute_by_cheapest(
-    points: np.ndarray,
-    shared: Sequence[Array],
-    *,
-    one_sided: bool,
-    tolerance: float,
-    devices: Devices,
+    points: np.ndarray, block: Block, tolerance: float
 ) -> dict[str, np.ndarray]:
     """Compute all variables at points, each by the cheapest model, and say by which."""
-    limit = as_real("tolerance", tolerance)
-    given = (shared, one_sided, devices)
-    linear = _compute_at_points(is_linearized_enough, points, *given, limit)
+    linear = _compute_at_points(is_linearized_enough, points, block, tolerance)
     answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
     for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
-        if not mask.any():
-            continue
-        values = _compute_at_points(_compute_scene, points[:, mask], *given, model)
-        for name, part in values.items():
-            answers[name][mask] = part
+        if mask.any():
+            values = _compute_at_points(_compute_scene, points[:, mask], block, model)
+            for name, part in values.items():
+                answers[name][mask] = part
     # The critical intensity is one number for all intensities of the axis, even if the
     # other variables come from one model at some of them and from the other at the rest.
-    exact = _compute_at_points(_critical_intensity, points, *given, Nonlinear())
+    exact = _compute_at_points(_critical_intensity, points, block, Nonlinear())
     return answers | {"critical_intensity": exact, "model": ~linear}
 
 
 def _compute_at_points(
-    function: Callable[[Scene, _Argument], PyTree],
+    function: Callable[[Scene, Any], PyTree],
     points: np.ndarray,
-    shared: Sequence[Array],
-    one_sided: bool,
-    devices: Devices,
-    argument: _Argument,
+    block: Block,
+    argument: PyTree,
 ) -> PyTree:
     """Apply a function of a scene and an argument at points of shape (axes, n), in NumPy."""
-    gravity, inertia_ratio = shared
-    devices = devices or jax.local_devices()
+    devices = jax.local_devices()
     # On processors threads share the tiles; with accelerators one thread feeds each device.
     on_processor = devices[0].platform == "cpu"
-    workers = max(count_processors(), len(devices)) if on_processor else len(devices)
-    elsewhere = len(devices) > 1 or devices[0] != jax.local_devices()[0]
+    workers = max(count_processors() * on_processor, len(devices))
 
     def compute_tile(number: int, tile: np.ndarray) -> PyTree:
-        given = (tile, gravity, inertia_ratio)
-        if elsewhere:
+        given = (tile, block, argument)
+        if len(devices) > 1:
             # Each tile by the program for one device: partitioned over
             # several it would be another program, which could round differently.
             given = jax.device_put(given, devices[number % len(devices)])
-        return _apply_to_scenes(given, argument, function=function, one_sided=one_sided)
+        return _apply_to_scenes(*given, function=function)
 
     values = np.asarray(points, jnp.result_type(float))
     tile = _TILES[count_processors() > 1] if on_processor else _LARGEST
     return apply_in_tiles(compute_tile, tile, values, workers)
 
 
-@functools.partial(jax.jit, static_argnames=("function", "one_sided"))
+@functools.partial(jax.jit, static_argnames="function")
 def _apply_to_scenes(
-    given: tuple[Array, Array, Array],
-    argument: _Argument,
-    *,
-    function: Callable[[Scene, _Argument], PyTree],
-    one_sided: bool,
+    points: Array, block: Block, argument: PyTree, *, function: Callable[[Scene, Any], PyTree]
 ) -> PyTree:
     """Apply a function of a scene and an argument to many scenes, in one program."""
-    points, gravity, inertia_ratio = given
 
     def apply_to_one(
         slenderness: Array, width: Array, restitution: Array, intensity: Array
     ) -> PyTree:
-        block = Block(width / 2, slenderness, gravity, inertia_ratio, one_sided=one_sided)
-        return function(Scene(block, restitution, intensity), argument)
+        numbers = (width / 2, slenderness, block.gravity, block.inertia_ratio)
+        made = Block(*numbers, one_sided=block.one_sided)
+        return function(Scene(made, restitution, intensity), argument)
 
     return jax.vmap(apply_to_one)(*points)

@@ -38,11 +38,13 @@ GRIDS = {
         {"record": 2, "factor": 2},
     ),
     "overturning": (
-        lambda **chunks: jr.overturning_spectrum(jr.Sine, RATIOS, [0.9, 2.0, 8.0], **chunks),
+        lambda **chunks: jr.overturning_map(
+            jr.Sine, RATIOS, amplitude_ratio=[0.9, 2.0, 8.0], **chunks
+        ),
         {"frequency_ratio": 2, "amplitude_ratio": 2},
     ),
     "overturning map": (
-        lambda **chunks: jr.overturning_map(jr.HalfSine, RATIOS, max_boundaries=2, **chunks),
+        lambda **chunks: jr.overturning_map(jr.HalfSine, RATIOS, **chunks).isel(boundary=[0]),
         {"frequency_ratio": 2},
     ),
     "harmonic": (

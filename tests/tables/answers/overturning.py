@@ -55,11 +55,14 @@ def search_along_quantities():
 
 @group("overturning/duration_and_windows", 1e-9, by_default=True)
 def search_durations():
-    found = jr.critical_duration(jr.Block(0.2, 5.0), 0.9, jr.Sine, 3.5, (0.1, 1.5))
+    pulse = jr.Sine(3.5, 1.0)
+    durations = np.geomspace(0.1, 1.5, 30)
+    found = jr.overturning_boundaries(jr.Block(0.2, 5.0), 0.9, pulse, "duration", durations)
     yield from list_fields(found, OF_BOUNDARIES, "critical_duration/")
     factors = np.linspace(0.5, 2.0, 61)
-    windows = jr.survival_windows(SLIM, 0.9, jr.Sine(6.5, 0.5), factors)
-    yield from list_fields(windows, "first_overturning windows", "survival_windows/")
+    found = jr.overturning_boundaries(SLIM, 0.9, jr.Sine(6.5, 0.5), "factor", factors)
+    yield "survival_windows/first_overturning", factors[0] if found.overturns_first else np.inf
+    yield "survival_windows/windows", found.windows
 
 
 @group("overturning/records", 1e-9)
@@ -67,8 +70,10 @@ def search_records():
     """The first boundaries, below the chaotic ones."""
     block = jr.Block(0.1, 5.0)
     motion = record()
-    yield "uplift_factor", jr.overturning.uplift_factor(block, motion), 1e-12
-    found = jr.overturning.critical_factor(block, 0.7, motion, (1.0, 9.0), resolution=0.1)
+    uplift = jr.overturning.uplift_factor(block, motion)
+    yield "uplift_factor", uplift, 1e-12
+    factors = float(uplift) * np.geomspace(1, 9, 25)
+    found = jr.overturning_boundaries(block, 0.7, motion, "factor", factors)
     yield "critical_factor/value", found.value[:2]
     yield "critical_factor/impacts", found.impacts[:2]
     factors = np.linspace(0.2, 2.0, 10)

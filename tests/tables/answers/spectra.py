@@ -34,18 +34,16 @@ def compute_rocking():
 
 @group("spectra/overturning", 1e-9, by_default=True)
 def compute_overturning():
-    found = jr.overturning_spectrum(jr.Sine, [2.0, 4.0], [0.9, 2.0, 8.0])
+    found = jr.overturning_map(jr.Sine, [2.0, 4.0], amplitude_ratio=[0.9, 2.0, 8.0])
     yield from list_variables(found)
 
 
 @group("spectra/overturning_map", 1e-9)
 def map_overturning():
     ratios = np.linspace(1.0, 4.0, 4)
-    found = jr.overturning_map(jr.Sine, ratios, restitution=0.9, max_boundaries=4)
+    found = jr.overturning_map(jr.Sine, ratios, restitution=0.9)
     yield from list_variables(found, "sine/")
-    found = jr.overturning_map(
-        jr.HalfSine, ratios, one_sided=True, max_boundaries=2, model="linearized"
-    )
+    found = jr.overturning_map(jr.HalfSine, ratios, one_sided=True, model="linearized")
     yield from list_variables(found, "one_sided/")
 
 
@@ -54,8 +52,5 @@ def compute_harmonic():
     ratios = ([2.0, 4.0, 7.0], [0.1, 0.9, 1.5, 4.0])
     found = jr.harmonic_spectrum(*ratios, slenderness=4.0, restitution=0.85, cycles=10)
     yield from list_variables(found, "nonlinear/")
-    sized = jr.spectra.add_size(found, jr.Block(0.2, 4.0))
-    for name in sorted(set(sized.coords) - set(found.coords)):
-        yield f"sized/{name}", sized[name].values.ravel()
     found = jr.harmonic_spectrum(*ratios, restitution=0.85, cycles=10, model="linearized")
     yield from list_variables(found, "linearized/")

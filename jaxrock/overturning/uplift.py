@@ -1,33 +1,15 @@
-"""Factors on a motion: the one that lifts a block, all between standing and overturning."""
-
-from collections.abc import Sequence
+"""The factor on a motion that just lifts a block."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from ..block import Block
 from ..driven import uplift_acceleration
 from ..ground_motion import Harmonic, Motion, Pulse, Record
 from ..numerics import pick_largest
 from ..resonance import ModelLike, Nonlinear, as_model
-from ..validation import (
-    Number,
-    Reals,
-    check,
-    check_kind,
-    choose_namespace,
-    elementwise,
-    is_traced,
-)
-from .boundaries import Boundaries, search_boundaries
-from .pulse_thresholds import make_levels
-from .quantities import Search
-
-# Outcomes under a record change so often that no interval looks harmless: none is halved, and
-# the values are as close as the resolution from the beginning.
-_HALVINGS = 0
+from ..validation import Reals, check, check_kind, elementwise
 
 
 def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear()) -> Reals:
@@ -64,6 +46,13 @@ def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear(
     >>> print(f"{factor:.3f}")
     0.653
     """
+    check_single(motion)
+    uplift = _describe_uplift(block, model)
+    return _divide_by_strength(*uplift, motion.bucketed(), one_sided=block.one_sided)
+
+
+def check_single(motion: Motion) -> None:
+    """Check that a motion is one pulse, `Harmonic` or `Record`; a `ValueError` if not."""
     check_kind("motion", motion, Pulse, Harmonic, Record)
     shapes = {jnp.shape(x) for x in jax.tree.leaves(motion)}
     # The samples of a record are an axis of their own, of one record.
@@ -71,8 +60,6 @@ def uplift_factor(block: Block, motion: Motion, *, model: ModelLike = Nonlinear(
     if array := next((shape for shape in shapes if shape), None):
         raise ValueError(f"motion must be a single motion, got an array of shape {array}")
     check("motion", motion, None)
-    uplift = _describe_uplift(block, model)
-    return _divide_by_strength(*uplift, motion.bucketed(), one_sided=block.one_sided)
 
 
 @elementwise(model=as_model)
@@ -104,57 +91,3 @@ def _divide_by_strength(
     lifts = strength > least
     factor = jnp.where(lifts, needed / jnp.where(lifts, strength, 1), jnp.inf)
     return jnp.where(valid, factor, jnp.nan)
-
-
-def critical_factor(
-    block: Block,
-    restitution: Number,
-    motion: Motion,
-    ratios: Sequence[float] = (1.0, 50.0),
-    *,
-    resolution: float = 0.0025,
-    model: ModelLike = Nonlinear(),
-    max_boundaries: int = 8,
-) -> Boundaries:
-    """Find every factor on a motion that separates standing from overturning, from uplift on.
-
-    Parameters
-    ----------
-    block, restitution, model, max_boundaries
-        As in `overturning_boundaries`.
-    motion : Motion
-        One pulse, `Harmonic` or `Record`.
-    ratios : sequence of two floats
-        The range of factors, as multiples of the factor that just lifts the block; see
-        `uplift_factor`.
-    resolution : float
-        Relative distance of the examined factors. A narrower window may not be detected.
-
-    Returns
-    -------
-    Boundaries
-        Of factors [-].
-
-    Raises
-    ------
-    ValueError
-        If no factor on the motion lifts a block, or a concrete argument is out of range.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> record = jr.Record([0.0, 1.0, 0.0, -1.0, 0.0], time_step=0.125)
-    >>> print(jr.overturning.critical_factor(jr.Block(0.1, 5.0), 0.9, record))
-    overturns beyond 3.59491 (overturning after 1 impact)
-    stands beyond 9.74233 (overturning after 1 impact)
-    overturns beyond 10.2373 (overturning without an impact)
-    """
-    levels = make_levels("ratios", ratios, resolution, _HALVINGS)
-    # As in `critical_amplitude`: a boundary does not depend on where it was sought.
-    uplift = jax.lax.stop_gradient(uplift_factor(block, motion, model=model))
-    if not is_traced(uplift) and not np.isfinite(uplift).all():
-        raise ValueError("motion must lift the block at some factor, but no factor on it does")
-    namespace = choose_namespace(uplift)
-    factors = namespace.asarray(uplift)[..., None] * levels.astype(uplift.dtype)
-    search = Search("factor", model, max_boundaries, _HALVINGS)
-    return search_boundaries(block, restitution, motion, factors, search)
