@@ -30,5 +30,4 @@ from .forward_only import refuse_reverse_mode as refuse_reverse_mode
 from .implicit import Root as Root
 from .implicit import differentiate_by_jacobian as differentiate_by_jacobian
 from .implicit import differentiate_implicitly as differentiate_implicitly
-from .roots import compute_middle as compute_middle
 from .roots import refine_brackets as refine_brackets

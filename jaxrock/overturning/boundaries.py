@@ -244,7 +244,7 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     else:
         with count_work("search for boundaries", table.size):
             pairs = find_brackets(evaluate, table, search.halvings)
-    changes = refine_brackets(evaluate, pairs, traced, search.alone, search.tolerance)
+    changes = refine_brackets(evaluate, pairs, traced, search.tolerance)
     stands = changes.stands
     falls = changes.falls
     eps = float(jnp.finfo(table.dtype).eps)
