@@ -88,42 +88,6 @@ def _multiply_precisely(matrix: Reals, values: Reals) -> Reals:
     return jnp.matmul(matrix, values, precision=jax.lax.Precision.HIGHEST)
 
 
-def solve_nonlinear(scene: HarmonicScene) -> SteadyMotion:
-    """Solve for the steady motion on the branch that begins as the linearized one."""
-    unknowns, solved = _solve_equations(scene)
-    return _make_steady_motion(scene, unknowns, solved)
-
-
-@eqx.filter_custom_jvp
-def _solve_equations(scene: HarmonicScene) -> tuple[Reals, Booleans]:
-    """Solve the equations for the unknowns; tell if that succeeded.
-
-    Derivatives come from the implicit function theorem: none passes through the search.
-    """
-    return _search_unknowns(scene)
-
-
-@_solve_equations.def_jvp
-def _(
-    primals: tuple[HarmonicScene], tangents: tuple[HarmonicScene]
-) -> tuple[tuple[Reals, Booleans], tuple[Reals, None]]:
-    """Differentiate the unknowns by the implicit function theorem."""
-    (scene,) = primals
-    unknowns, solved = _solve_equations(scene)
-
-    def residual(scene: HarmonicScene) -> Reals:
-        return _compute_residuals(scene, scene.amplitude, unknowns)[0]
-
-    change = eqx.filter_jvp(residual, primals, tangents)[1]
-    jacobian = _compute_residuals(scene, scene.amplitude, unknowns)[1]
-    # Unknowns that were not found are constants: a singular Jacobian would make them NaN.
-    identity = jnp.eye(unknowns.size, dtype=unknowns.dtype)
-    move = jnp.linalg.solve(
-        jnp.where(solved, jacobian, identity), jnp.where(solved, -change, 0)
-    )
-    return (unknowns, solved), (move, None)
-
-
 def _compute_residuals(
     scene: HarmonicScene, amplitude: Reals, unknowns: Reals
 ) -> tuple[Reals, Reals]:
@@ -139,15 +103,16 @@ def _compute_residuals(
     to_rotation = half**2 * maps.between
     to_impact = half * (maps.first_slope + scene.restitution * maps.last_slope)
     needed, (by_rotation, by_push) = _compute_node_accelerations(scene, unknowns)
-    residual = [acceleration - needed, jnp.stack([
-        _multiply_precisely(to_impact, acceleration), sine**2 + cosine**2 - amplitude**2,
-    ])]  # fmt: skip
+    law = _multiply_precisely(to_impact, acceleration)
+    strength = sine**2 + cosine**2 - amplitude**2
     identity = jnp.eye(needed.size, dtype=needed.dtype)
-    beside = -by_push[:, None] * jnp.stack([maps.cosine, maps.sine], axis=1)
-    nodes = jnp.concatenate([identity - by_rotation[:, None] * to_rotation, beside], axis=1)
-    impact = jnp.concatenate([to_impact, jnp.zeros_like(unknowns[-2:])])
-    strength = jnp.concatenate([jnp.zeros_like(needed), 2 * unknowns[-2:]])
-    return jnp.concatenate(residual), jnp.concatenate([nodes, impact[None], strength[None]])
+    to_push = jnp.stack([maps.cosine, maps.sine], axis=1)
+    jacobian = [
+        [identity - by_rotation[:, None] * to_rotation, -by_push[:, None] * to_push],
+        [to_impact[None], jnp.zeros_like(unknowns[None, -2:])],
+        [jnp.zeros_like(needed[None]), 2 * unknowns[None, -2:]],
+    ]
+    return jnp.hstack([acceleration - needed, law, strength]), jnp.block(jacobian)
 
 
 def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
@@ -156,13 +121,12 @@ def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[
     half = 0.5 * scene.half_period
     rotation = half**2 * _multiply_precisely(maps.between, unknowns[:-2])
     push = unknowns[-2] * maps.cosine + unknowns[-1] * maps.sine
-    ones = jnp.ones_like(push)
-    zeros = jnp.zeros_like(push)
     # Elementwise, so that each derivative is a diagonal.
+    directions = jnp.broadcast_to(jnp.eye(2, dtype=push.dtype)[..., None], (2, 2, push.size))
     return jax.vmap(
         lambda *direction: jax.jvp(scene.acceleration, (rotation, push), direction),
         out_axes=(None, 0),
-    )(jnp.stack([ones, zeros]), jnp.stack([zeros, ones]))
+    )(*directions)
 
 
 class _Newton(NamedTuple):
@@ -232,10 +196,34 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
     return jnp.where(end.solved, end.unknowns, 1), end.solved
 
 
-def _make_steady_motion(
-    scene: HarmonicScene, unknowns: Reals, solved: Booleans
-) -> SteadyMotion:
-    """Make the steady motion that belongs to the unknowns."""
+# Derivatives come from the implicit function theorem: none passes through the search.
+_solve_equations = eqx.filter_custom_jvp(_search_unknowns)
+
+
+@_solve_equations.def_jvp
+def _(
+    primals: tuple[HarmonicScene], tangents: tuple[HarmonicScene]
+) -> tuple[tuple[Reals, Booleans], tuple[Reals, None]]:
+    """Differentiate the unknowns by the implicit function theorem."""
+    (scene,) = primals
+    unknowns, solved = _solve_equations(scene)
+
+    def residual(scene: HarmonicScene) -> Reals:
+        return _compute_residuals(scene, scene.amplitude, unknowns)[0]
+
+    change = eqx.filter_jvp(residual, primals, tangents)[1]
+    jacobian = _compute_residuals(scene, scene.amplitude, unknowns)[1]
+    # Unknowns that were not found are constants: a singular Jacobian would make them NaN.
+    identity = jnp.eye(unknowns.size, dtype=unknowns.dtype)
+    move = jnp.linalg.solve(
+        jnp.where(solved, jacobian, identity), jnp.where(solved, -change, 0)
+    )
+    return (unknowns, solved), (move, None)
+
+
+def solve_nonlinear(scene: HarmonicScene) -> SteadyMotion:
+    """Solve for the steady motion on the branch that begins as the linearized one."""
+    unknowns, solved = _solve_equations(scene)
     maps = _cast_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]
