@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from ..validation import AnyArray, Booleans, Integers, Reals
+from ..validation import Booleans, Integers, Reals
 from .harmonic_linearized import HarmonicScene, SteadyMotion, least_amplitude, solve_linearized
 
 # Nodes: the polynomial resolves motions on floors faster than about 0.3 p.
@@ -39,18 +39,18 @@ class _Collocation(NamedTuple):
     Its double integral is 0 at both ends, as the rotation is at impacts.
     """
 
-    elapsed: AnyArray  # time since launch at the nodes, in half intervals
-    sine: AnyArray  # of the phase since launch, at the nodes
-    cosine: AnyArray
-    series: AnyArray  # Chebyshev coefficients of double integral, integral and polynomial
-    between: AnyArray  # the double integral at the nodes
-    first_slope: AnyArray  # its slope at the first end
-    last_slope: AnyArray  # and at the last
+    elapsed: Reals  # time since launch at the nodes, in half intervals
+    sine: Reals  # of the phase since launch, at the nodes
+    cosine: Reals
+    series: Reals  # Chebyshev coefficients of double integral, integral and polynomial
+    between: Reals  # the double integral at the nodes
+    first_slope: Reals  # its slope at the first end
+    last_slope: Reals  # and at the last
 
 
 @functools.cache
-def _make_collocation() -> _Collocation:
-    """Make the linear maps, in NumPy and in double precision."""
+def _make_collocation() -> dict[str, np.ndarray]:
+    """Make the linear maps by their names, in NumPy and in double precision."""
     # Chebyshev nodes, which cluster at the ends: interpolation there converges geometrically.
     nodes = -np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
     # By orders of the polynomial, up to those of its double integral.
@@ -67,7 +67,7 @@ def _make_collocation() -> _Collocation:
     )
     first_slope, last_slope = at_ends @ series[1]
     phase = 0.5 * np.pi * (1 + nodes)
-    return _Collocation(
+    return dict(
         elapsed=1 + nodes,
         sine=np.sin(phase),
         cosine=np.cos(phase),
@@ -80,7 +80,8 @@ def _make_collocation() -> _Collocation:
 
 def _cast_collocation(dtype: np.dtype) -> _Collocation:
     """Cast the linear maps to JAX arrays of a precision."""
-    return jax.tree.map(lambda part: jnp.asarray(part, dtype), _make_collocation())
+    maps = _make_collocation()
+    return _Collocation(**{name: jnp.asarray(part, dtype) for name, part in maps.items()})
 
 
 def _multiply_precisely(matrix: Reals, values: Reals) -> Reals:
