@@ -25,3 +25,4 @@ from .implicit import Root as Root
 from .implicit import differentiate_by_jacobian as differentiate_by_jacobian
 from .implicit import differentiate_implicitly as differentiate_implicitly
 from .roots import refine_brackets as refine_brackets
+from .roots import select_tree as select_tree

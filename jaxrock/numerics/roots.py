@@ -106,15 +106,17 @@ def refine_brackets(
     x1, x2, _ = iterate.x
     at1, at2, _ = iterate.at
     first = at1.margin >= 0
-    stands, at_stands = _select(first, (x1, at1), (x2, at2), library)
-    falls, at_falls = _select(first, (x2, at2), (x1, at1), library)
+    stands, at_stands = select_tree(first, (x1, at1), (x2, at2), library)
+    falls, at_falls = select_tree(first, (x2, at2), (x1, at1), library)
     success = iterate.has_converged() & library.isfinite(at1.margin + at2.margin)
     return SignChanges(stands, falls, at_stands, at_falls, success)
 
 
-def _select(where: AnyArray, this: _Tree, that: _Tree, library: ModuleType) -> _Tree:
+def select_tree(
+    condition: AnyArray, first: _Tree, second: _Tree, library: ModuleType = jnp
+) -> _Tree:
     """Select the entries of one tree where a condition is true, and else of the other."""
-    return jax.tree.map(lambda a, b: library.where(where, a, b), this, that)
+    return jax.tree.map(lambda a, b: library.where(condition, a, b), first, second)
 
 
 def _propose_value(iterate: _Iterate, bisects: bool, library: ModuleType) -> AnyArray:
@@ -150,11 +152,11 @@ def _shrink_bracket(
     """Shrink the interval of the sign change to one that ends at a value inside."""
     first, second, _ = zip(iterate.x, iterate.at, strict=True)
     same = (at.margin < 0) == (first[1].margin < 0)
-    end, at_end = _select(same, second, first, library)
-    before, at_before = _select(same, first, second, library)
+    end, at_end = select_tree(same, second, first, library)
+    before, at_before = select_tree(same, first, second, library)
     better = _Iterate((x, end, before), (at, at_end, at_before), iterate.tolerance)
     # Converged ones must stay: in a loop they wait for the others.
-    return _select(iterate.has_converged(), iterate, better, library)
+    return select_tree(iterate.has_converged(), iterate, better, library)
 
 
 def _step_ahead(
@@ -194,5 +196,5 @@ def _step_ahead(
         column = equal.argmax(axis=1)
         at = jax.tree.map(lambda leaf, column=column: leaf[rows, column], known)
         better = _shrink_bracket(iterate, x, at, np)
-        iterate = _select(equal.any(axis=1), better, iterate, np)
+        iterate = select_tree(equal.any(axis=1), better, iterate, np)
     return iterate

@@ -16,7 +16,7 @@ from ..block import Block
 from ..ground_motion import Pulse
 from ..host import Printed, format_fields
 from ..impact import count_half_cycles
-from ..numerics import Root, differentiate_implicitly
+from ..numerics import Root, differentiate_implicitly, select_tree
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Integers, Number, Reals
 from .repeated_pulses_map import (
@@ -24,7 +24,6 @@ from .repeated_pulses_map import (
     check_pulsed_arguments,
     compute_landing,
     limit_tolerance,
-    select_tree,
 )
 
 # Evaluations of the map from rest, at most.

@@ -8,8 +8,6 @@ lead back to 0: bounces then die out in finite time, no further pulse begins, an
 stays at rest.
 """
 
-from typing import TypeVar
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -27,7 +25,6 @@ from ..validation import Booleans, Number, Reals, check_kind, unify_precision
 _LONGEST_WAIT = 200.0
 
 PulsedScene = tuple[Block, Reals, Pulse]
-_Tree = TypeVar("_Tree")
 
 
 def check_pulsed_arguments(
@@ -101,8 +98,3 @@ def compute_landing(
     overturns = ~stays & (response.status <= Status.LIST_FULL)
     details = jnp.where(landed, time, 0), response.peak_rotation, overturns
     return jnp.where(stays, landing, jnp.nan), details
-
-
-def select_tree(condition: Booleans, first: _Tree, second: _Tree) -> _Tree:
-    """Select one of two trees, as `jnp.where` does for arrays."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)

@@ -16,7 +16,7 @@ from ..block import Block
 from ..driven import Equation, uplift_acceleration
 from ..ground_motion import Pulse, check_pulse_class
 from ..host import Printed, format_fields
-from ..numerics import Root, differentiate_implicitly
+from ..numerics import Root, differentiate_implicitly, select_tree
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Integers, Number, Reals
 from .repeated_pulses import PulsedPhase, compute_phase
@@ -25,7 +25,6 @@ from .repeated_pulses_map import (
     check_pulsed_arguments,
     follow_half_cycle,
     limit_tolerance,
-    select_tree,
 )
 
 # Step of the logarithm of the amplitude, on the way up until a pulse overturns the block.
