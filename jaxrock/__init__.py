@@ -37,6 +37,7 @@ _MOVED = {
     "critical_duration": 'now overturning_boundaries(along="duration")',
     "critical_factor": 'now overturning_boundaries(along="factor")',
     "overturning_spectrum": "now overturning_map(amplitude_ratio=...)",
+    "pulsed_next_velocity": "the next landing of respond(..., velocity=)",
     "survival_windows": 'now overturning_boundaries(along="factor").windows',
 }
 

@@ -180,9 +180,6 @@ CALLS = {
     "propagate": lambda k: jr.sensitivity.propagate(
         jr.rotation_ratio, scene(k), jr.Uncertain(_COEFFICIENTS)
     ),
-    "pulsed_next_velocity": lambda k: jr.steady.pulsed_next_velocity(
-        block(k), 0.7, pulse(k, jr.HalfSine), 0.2
-    ),
     "pulsed_phase": lambda k: jr.pulsed_phase(block(k), 0.7, jr.HalfSine(3.0, 0.1 + 0.01 * k)),
     "rate_elasticities": lambda k: jr.risk.rate_elasticities(
         block(k), 0.8, site(k, [0.2, 0.9])

@@ -58,9 +58,9 @@ def test_brackets_and_places():
     assert sum(sizes) < 5 * 17 + 6 * 40
 
 
-@pytest.mark.parametrize("alone", [False, True])
-def test_refinement_ends_at_the_tolerance(alone):
+def test_refinement_ends_at_the_tolerance(monkeypatch):
     """With both ends inside of it, by as many bisections as that takes, whatever the margin."""
+    monkeypatch.setattr(roots, "_MOST_LEVELS", 1)
     values = np.broadcast_to(np.linspace(1.0, 9.0, 17), (5, 17))
     found = find_brackets(evaluate, values, 6)
     sizes = []
@@ -69,16 +69,13 @@ def test_refinement_ends_at_the_tolerance(alone):
         sizes.append(value.size)
         return evaluate(case, value)
 
-    changes = refine_brackets(
-        count_and_evaluate, found, traced=False, alone=alone, tolerance=1e-7
-    )
+    changes = refine_brackets(count_and_evaluate, found, traced=False, tolerance=1e-7)
     np.testing.assert_allclose(changes.stands, PLACES, rtol=1e-7)
     # Relative to the wider end of the bracket as it was found.
     width = abs(found.ends[1] - found.ends[0])
     widest = 1e-7 * np.maximum(abs(found.ends[0]), abs(found.ends[1]))
     assert (abs(changes.falls - changes.stands) <= widest).all()
-    if not alone:
-        assert sum(sizes) == np.ceil(np.log2(width / widest)).sum()
+    assert sum(sizes) == np.ceil(np.log2(width / widest)).sum()
     check_ends(changes)
 
 
@@ -100,12 +97,12 @@ def test_steps_ahead_are_those_of_one_by_one(monkeypatch):
         calls.append(value.size)
         return evaluate(case, value)
 
-    ahead = refine_brackets(asked, found, traced=False, alone=True)
+    ahead = refine_brackets(asked, found, traced=False)
     several = len(calls)
     counts = found._replace(sign_changes=None, negative_first=None, complete=None)
     monkeypatch.setattr(roots, "_MOST_LEVELS", 1)
     calls.clear()
-    single = refine_brackets(asked, found, traced=False, alone=True)
+    single = refine_brackets(asked, found, traced=False)
     jax.tree.map(np.testing.assert_array_equal, ahead, single)
     assert several < len(calls) / 3
     monkeypatch.undo()
@@ -113,6 +110,6 @@ def test_steps_ahead_are_those_of_one_by_one(monkeypatch):
         one = jax.tree.map(lambda leaf, k=k: leaf[k : k + 1], counts)
         jax.tree.map(
             lambda leaf, row, k=k: np.testing.assert_array_equal(leaf, row[k : k + 1]),
-            refine_brackets(asked, one, traced=False, alone=True),
+            refine_brackets(asked, one, traced=False),
             single,
         )

@@ -20,15 +20,9 @@ from .elementary import quotient_or_infinite as quotient_or_infinite
 from .elementary import share_of_one as share_of_one
 from .elliptic import carlson_rf as carlson_rf
 from .elliptic import jacobi as jacobi
-from .falling_roots import ABOVE as ABOVE
-from .falling_roots import BELOW as BELOW
-from .falling_roots import NOWHERE as NOWHERE
-from .falling_roots import Sample as Sample
-from .falling_roots import Scan as Scan
-from .falling_roots import select_tree as select_tree
 from .forward_only import refuse_reverse_mode as refuse_reverse_mode
 from .implicit import Root as Root
 from .implicit import differentiate_by_jacobian as differentiate_by_jacobian
 from .implicit import differentiate_implicitly as differentiate_implicitly
-from .roots import compute_middle as compute_middle
 from .roots import refine_brackets as refine_brackets
+from .roots import select_tree as select_tree

@@ -265,9 +265,7 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     else:
         with count_work("search for boundaries", table.size):
             pairs = find_brackets(evaluate, table, search.halvings)
-    # The boundaries under a record must not depend on which others are in its suite.
-    alone = isinstance(subject.motion, GroundMotions)
-    changes = refine_brackets(evaluate, pairs, traced, alone, search.tolerance)
+    changes = refine_brackets(evaluate, pairs, traced, search.tolerance)
     stands = changes.stands
     falls = changes.falls
     eps = float(jnp.finfo(table.dtype).eps)

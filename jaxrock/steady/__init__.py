@@ -7,7 +7,6 @@ stability.
 from .harmonic_linearized import least_harmonic_amplitude, symmetry_breaking_amplitude
 from .harmonic_orbit import HarmonicOrbit, harmonic_orbit
 from .repeated_pulses import PulsedPhase, pulsed_phase
-from .repeated_pulses_map import pulsed_next_velocity
 from .repeated_pulses_threshold import PulsedThreshold, critical_pulsed_amplitude
 
 __all__ = [
@@ -17,7 +16,6 @@ __all__ = [
     "critical_pulsed_amplitude",
     "harmonic_orbit",
     "least_harmonic_amplitude",
-    "pulsed_next_velocity",
     "pulsed_phase",
     "symmetry_breaking_amplitude",
 ]

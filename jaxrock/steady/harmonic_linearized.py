@@ -17,9 +17,9 @@ The derivative of the map from one launch to the next, in time and velocity, has
 determinant C^2. Its trace says the rest of stability.
 """
 
-import abc
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,14 +27,7 @@ import jax.numpy as jnp
 from ..block import Block
 from ..driven import Equation
 from ..impact import require_free_standing, require_linear_law
-from ..validation import (
-    POSITIVE,
-    UNIT_INTERVAL,
-    Booleans,
-    Number,
-    Reals,
-    elementwise,
-)
+from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, elementwise
 
 
 class HarmonicScene(eqx.Module):
@@ -57,15 +50,11 @@ class HarmonicScene(eqx.Module):
         return self.equation.acceleration(angle * rotation, angle * push, lift) / angle
 
 
-class HalfPeriodPath(eqx.Module):
-    """Motion in a half period as a function of the share of it, from 0 to 1."""
-
-    @abc.abstractmethod
-    def at(self, share: Reals) -> tuple[Reals, Reals, Reals]:
-        """Rotation, velocity and acceleration at a share of the half period."""
+# From a fraction of the half period, 0 to 1, to rotation, velocity and acceleration there.
+Path = Callable[[Reals], tuple[Reals, ...]]
 
 
-class SteadyMotion(eqx.Module):
+class SteadyMotion(NamedTuple):
     """One half period of a steady motion; arbitrary numbers where there is none."""
 
     landing: Reals  # velocity, over alpha_c p
@@ -73,37 +62,7 @@ class SteadyMotion(eqx.Module):
     cosine: Reals  # beta cos(phase)
     trace: Reals  # of the derivative of the half-period map
     exists: Booleans
-    path: HalfPeriodPath
-
-
-class LinearizedPath(HalfPeriodPath):
-    """Motion of the linearized block in a half period, in closed form."""
-
-    half_period: Reals
-    sine: Reals  # k sin(phase)
-    cosine: Reals  # k cos(phase)
-
-    def at(self, share: Reals) -> tuple[Reals, Reals, Reals]:
-        """Rotation, velocity and acceleration at a share of the half period."""
-        # Exponentials of negative numbers, less 1: no overflow for a slow floor, and no
-        # cancellation in `free` at both ends, where it is 0.
-        length = self.half_period
-        frequency = math.pi / self.half_period
-        gone = jnp.expm1(-share * length)
-        left = jnp.expm1((share - 1) * length)
-        whole = jnp.expm1(-length)
-        odd = -jnp.cos(math.pi * share)
-        even = jnp.sin(math.pi * share)
-        hyperbolic = (gone - left) / whole
-        free = gone * left / (2 + whole)
-        rotation = free - self.sine * (hyperbolic - odd) - self.cosine * even
-        velocity = (
-            (gone - left) / (2 + whole)
-            + self.sine * ((2 + gone + left) / whole + frequency * even)
-            + self.cosine * frequency * odd
-        )
-        push = (1 + frequency**2) * (self.cosine * even - self.sine * odd)
-        return rotation, velocity, rotation - 1 + push
+    path: Path
 
 
 def solve_linearized(scene: HarmonicScene) -> SteadyMotion:
@@ -121,7 +80,26 @@ def solve_linearized(scene: HarmonicScene) -> SteadyMotion:
     sine = t * loss * m
     # k w cos(phase) = t - (1 + C) m with the solution for m put in: the difference cancels.
     cosine = (t**3 * w * loss**2 - (1 + c) * root) / squares
-    path = LinearizedPath(scene.half_period, sine, cosine)
+    length = scene.half_period
+    whole = jnp.expm1(-length)
+
+    def path(fraction: Reals) -> tuple[Reals, ...]:
+        # Exponentials of negative numbers, less 1: no overflow for a slow floor, and no
+        # cancellation in `free` at both ends, where it is 0.
+        gone = jnp.expm1(-fraction * length)
+        left = jnp.expm1((fraction - 1) * length)
+        odd = -jnp.cos(math.pi * fraction)
+        even = jnp.sin(math.pi * fraction)
+        free = gone * left / (2 + whole)
+        rotation = free - sine * ((gone - left) / whole - odd) - cosine * even
+        velocity = (
+            (gone - left) / (2 + whole)
+            + sine * ((2 + gone + left) / whole + w * even)
+            + cosine * w * odd
+        )
+        push = (1 + w**2) * (cosine * even - sine * odd)
+        return rotation, velocity, rotation - 1 + push
+
     from_parts, from_landing = _compute_trace_terms(c, w)
     return SteadyMotion(
         landing=2 * m,
@@ -165,11 +143,7 @@ def require_two_sides(arguments: dict[str, Any]) -> None:
     require_linear_law()
 
 
-@elementwise(
-    require_two_sides,
-    restitution=UNIT_INTERVAL,
-    frequency=POSITIVE,
-)
+@elementwise(require_two_sides, restitution=UNIT_INTERVAL, frequency=POSITIVE)
 def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the least amplitude of a harmonic floor that keeps the linearized block rocking.
 
@@ -209,11 +183,7 @@ def least_harmonic_amplitude(block: Block, restitution: Number, frequency: Numbe
     return block.gravity * block.critical_angle * least_amplitude(jnp.asarray(restitution), w)
 
 
-@elementwise(
-    require_two_sides,
-    restitution=UNIT_INTERVAL,
-    frequency=POSITIVE,
-)
+@elementwise(require_two_sides, restitution=UNIT_INTERVAL, frequency=POSITIVE)
 def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Number) -> Reals:
     """Compute the amplitude beyond which steady rocking is no longer symmetric.
 

@@ -18,17 +18,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
 from numpy.polynomial import chebyshev
 
 from ..validation import Booleans, Integers, Reals
-from .harmonic_linearized import (
-    HalfPeriodPath,
-    HarmonicScene,
-    SteadyMotion,
-    least_amplitude,
-    solve_linearized,
-)
+from .harmonic_linearized import HarmonicScene, SteadyMotion, least_amplitude, solve_linearized
 
 # Nodes: the polynomial resolves motions on floors faster than about 0.3 p.
 _NODES = 36
@@ -43,22 +36,16 @@ _START_BEYOND = 0.2
 class _Collocation(NamedTuple):
     """Linear maps of a polynomial given by its values at the nodes, on the interval -1 to 1.
 
-    A double integral "between" the ends is 0 at both of them, as the rotation is at impacts.
-    One "onward" from the first end begins with value and slope 0.
+    Its double integral is 0 at both ends, as the rotation is at impacts.
     """
 
     elapsed: Reals  # time since launch at the nodes, in half intervals
     sine: Reals  # of the phase since launch, at the nodes
     cosine: Reals
-    coefficients: Reals  # of Chebyshev polynomials
-    between: Reals  # double integral between the ends, at the nodes
-    first_slope: Reals  # of that double integral, at the first end
+    series: Reals  # Chebyshev coefficients of double integral, integral and polynomial
+    between: Reals  # the double integral at the nodes
+    first_slope: Reals  # its slope at the first end
     last_slope: Reals  # and at the last
-    onward: Reals  # double integral onward, at the nodes
-    onward_end: Reals  # and at the last end
-    integral: Reals  # from the first end to the last
-    path: Reals  # Chebyshev coefficients of the double integral between the ends
-    velocity: Reals  # and of its derivative
 
 
 @functools.cache
@@ -66,37 +53,29 @@ def _make_collocation() -> dict[str, np.ndarray]:
     """Make the linear maps by their names, in NumPy and in double precision."""
     # Chebyshev nodes, which cluster at the ends: interpolation there converges geometrically.
     nodes = -np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-    coefficients = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
-    unit = np.eye(_NODES)
-    once = np.stack([chebyshev.chebint(row, lbnd=-1) for row in unit], axis=1)
-    twice = np.stack([chebyshev.chebint(row, 2, lbnd=-1) for row in unit], axis=1)
-    end = twice.sum(axis=0)
-    integral = once.sum(axis=0)
-    # The double integral onward, less the line that leads to its value at the last end: half
-    # of that value times 1 + x.
-    path = twice.copy()
-    velocity = once.copy()
-    path[:2] -= 0.5 * end
-    velocity[0] -= 0.5 * end
-
-    def evaluate(points: ArrayLike, series: np.ndarray) -> np.ndarray:
-        return chebyshev.chebvander(points, len(series) - 1) @ series @ coefficients
-
+    # By orders of the polynomial, up to those of its double integral.
+    orders = np.eye(_NODES + 2)[:, :_NODES]
+    twice, once = (chebyshev.chebint(orders, m, lbnd=-1)[: _NODES + 2] for m in (2, 1))
+    # Less the line that leads to the value at the last end: half of that value times 1 + x.
+    half_end = 0.5 * twice.sum(axis=0)
+    twice[:2] -= half_end
+    once[0] -= half_end
+    from_nodes = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
+    series = np.stack([twice, once, orders]) @ from_nodes
+    at_nodes, at_ends = (
+        chebyshev.chebvander(points, _NODES + 1) for points in (nodes, [-1.0, 1.0])
+    )
+    first_slope, last_slope = at_ends @ series[1]
     phase = 0.5 * np.pi * (1 + nodes)
-    return {
-        "elapsed": 1 + nodes,
-        "sine": np.sin(phase),
-        "cosine": np.cos(phase),
-        "coefficients": coefficients,
-        "between": evaluate(nodes, path),
-        "first_slope": evaluate(-1.0, velocity)[0],
-        "last_slope": evaluate(1.0, velocity)[0],
-        "onward": evaluate(nodes, twice),
-        "onward_end": end @ coefficients,
-        "integral": integral @ coefficients,
-        "path": path @ coefficients,
-        "velocity": velocity @ coefficients,
-    }
+    return dict(
+        elapsed=1 + nodes,
+        sine=np.sin(phase),
+        cosine=np.cos(phase),
+        series=series,
+        between=at_nodes @ series[0],
+        first_slope=first_slope,
+        last_slope=last_slope,
+    )
 
 
 def _cast_collocation(dtype: np.dtype) -> _Collocation:
@@ -108,63 +87,6 @@ def _cast_collocation(dtype: np.dtype) -> _Collocation:
 def _multiply_precisely(matrix: Reals, values: Reals) -> Reals:
     """Multiply in full precision, which accelerators do not by themselves."""
     return jnp.matmul(matrix, values, precision=jax.lax.Precision.HIGHEST)
-
-
-class PolynomialPath(HalfPeriodPath):
-    """Motion in a half period by Chebyshev coefficients."""
-
-    rotation: Reals
-    velocity: Reals
-    acceleration: Reals
-
-    def at(self, share: Reals) -> tuple[Reals, Reals, Reals]:
-        """Rotation, velocity and acceleration at a share of the half period."""
-        # T_n(x) = cos(n arccos(x)).
-        angle = jnp.arccos(2 * share - 1)
-        orders = jnp.arange(_NODES + 2, dtype=angle.dtype)
-        polynomials = jnp.cos(jnp.multiply.outer(angle, orders))
-        series = self.rotation, self.velocity, self.acceleration
-        rotation, velocity, acceleration = (
-            _multiply_precisely(polynomials[..., : coefficients.size], coefficients)
-            for coefficients in series
-        )
-        return rotation, velocity, acceleration
-
-
-def solve_nonlinear(scene: HarmonicScene) -> SteadyMotion:
-    """Solve for the steady motion on the branch that begins as the linearized one."""
-    unknowns, solved = _solve_equations(scene)
-    return _make_steady_motion(scene, unknowns, solved)
-
-
-@eqx.filter_custom_jvp
-def _solve_equations(scene: HarmonicScene) -> tuple[Reals, Booleans]:
-    """Solve the equations for the unknowns; tell if that succeeded.
-
-    Derivatives come from the implicit function theorem: none passes through the search.
-    """
-    return _search_unknowns(scene)
-
-
-@_solve_equations.def_jvp
-def _(
-    primals: tuple[HarmonicScene], tangents: tuple[HarmonicScene]
-) -> tuple[tuple[Reals, Booleans], tuple[Reals, None]]:
-    """Differentiate the unknowns by the implicit function theorem."""
-    (scene,) = primals
-    unknowns, solved = _solve_equations(scene)
-
-    def residual(scene: HarmonicScene) -> Reals:
-        return _compute_residuals(scene, scene.amplitude, unknowns)[0]
-
-    change = eqx.filter_jvp(residual, primals, tangents)[1]
-    jacobian = _compute_residuals(scene, scene.amplitude, unknowns)[1]
-    # Unknowns that were not found are constants: a singular Jacobian would make them NaN.
-    identity = jnp.eye(unknowns.size, dtype=unknowns.dtype)
-    move = jnp.linalg.solve(
-        jnp.where(solved, jacobian, identity), jnp.where(solved, -change, 0)
-    )
-    return (unknowns, solved), (move, None)
 
 
 def _compute_residuals(
@@ -182,15 +104,16 @@ def _compute_residuals(
     to_rotation = half**2 * maps.between
     to_impact = half * (maps.first_slope + scene.restitution * maps.last_slope)
     needed, (by_rotation, by_push) = _compute_node_accelerations(scene, unknowns)
-    residual = [acceleration - needed, jnp.stack([
-        _multiply_precisely(to_impact, acceleration), sine**2 + cosine**2 - amplitude**2,
-    ])]  # fmt: skip
+    law = _multiply_precisely(to_impact, acceleration)
+    strength = sine**2 + cosine**2 - amplitude**2
     identity = jnp.eye(needed.size, dtype=needed.dtype)
-    beside = -by_push[:, None] * jnp.stack([maps.cosine, maps.sine], axis=1)
-    nodes = jnp.concatenate([identity - by_rotation[:, None] * to_rotation, beside], axis=1)
-    impact = jnp.concatenate([to_impact, jnp.zeros_like(unknowns[-2:])])
-    strength = jnp.concatenate([jnp.zeros_like(needed), 2 * unknowns[-2:]])
-    return jnp.concatenate(residual), jnp.concatenate([nodes, impact[None], strength[None]])
+    to_push = jnp.stack([maps.cosine, maps.sine], axis=1)
+    jacobian = [
+        [identity - by_rotation[:, None] * to_rotation, -by_push[:, None] * to_push],
+        [to_impact[None], jnp.zeros_like(unknowns[None, -2:])],
+        [jnp.zeros_like(needed[None]), 2 * unknowns[None, -2:]],
+    ]
+    return jnp.hstack([acceleration - needed, law, strength]), jnp.block(jacobian)
 
 
 def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
@@ -199,13 +122,12 @@ def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[
     half = 0.5 * scene.half_period
     rotation = half**2 * _multiply_precisely(maps.between, unknowns[:-2])
     push = unknowns[-2] * maps.cosine + unknowns[-1] * maps.sine
-    ones = jnp.ones_like(push)
-    zeros = jnp.zeros_like(push)
     # Elementwise, so that each derivative is a diagonal.
+    directions = jnp.broadcast_to(jnp.eye(2, dtype=push.dtype)[..., None], (2, 2, push.size))
     return jax.vmap(
         lambda *direction: jax.jvp(scene.acceleration, (rotation, push), direction),
         out_axes=(None, 0),
-    )(jnp.stack([ones, zeros]), jnp.stack([zeros, ones]))
+    )(*directions)
 
 
 class _Newton(NamedTuple):
@@ -238,8 +160,8 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
     # A floor at rest has no phase, which the equations would need.
     given = scene.amplitude > 0
     begin = solve_linearized(eqx.tree_at(lambda s: s.amplitude, scene, first))
-    shares = jnp.asarray(0.5 - 0.5 * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES), dtype)
-    unknowns = jnp.append(begin.path.at(shares)[2], jnp.stack([begin.sine, begin.cosine]))
+    fractions = 0.5 * maps.elapsed
+    unknowns = jnp.append(begin.path(fractions)[2], jnp.stack([begin.sine, begin.cosine]))
     # Newton's method squares the error: after a step of this size it is rounding.
     tolerance = 0.1 * float(jnp.finfo(dtype).eps) ** 0.5
     # Right-hand side for the derivative of the unknowns with respect to beta^2.
@@ -275,26 +197,54 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
     return jnp.where(end.solved, end.unknowns, 1), end.solved
 
 
-def _make_steady_motion(
-    scene: HarmonicScene, unknowns: Reals, solved: Booleans
-) -> SteadyMotion:
-    """Make the steady motion that belongs to the unknowns."""
+# Derivatives come from the implicit function theorem: none passes through the search.
+_solve_equations = eqx.filter_custom_jvp(_search_unknowns)
+
+
+@_solve_equations.def_jvp
+def _(
+    primals: tuple[HarmonicScene], tangents: tuple[HarmonicScene]
+) -> tuple[tuple[Reals, Booleans], tuple[Reals, None]]:
+    """Differentiate the unknowns by the implicit function theorem."""
+    (scene,) = primals
+    unknowns, solved = _solve_equations(scene)
+
+    def residual(scene: HarmonicScene) -> Reals:
+        return _compute_residuals(scene, scene.amplitude, unknowns)[0]
+
+    change = eqx.filter_jvp(residual, primals, tangents)[1]
+    jacobian = _compute_residuals(scene, scene.amplitude, unknowns)[1]
+    # Unknowns that were not found are constants: a singular Jacobian would make them NaN.
+    identity = jnp.eye(unknowns.size, dtype=unknowns.dtype)
+    move = jnp.linalg.solve(
+        jnp.where(solved, jacobian, identity), jnp.where(solved, -change, 0)
+    )
+    return (unknowns, solved), (move, None)
+
+
+def solve_nonlinear(scene: HarmonicScene) -> SteadyMotion:
+    """Solve for the steady motion on the branch that begins as the linearized one."""
+    unknowns, solved = _solve_equations(scene)
     maps = _cast_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]
     sine, cosine = unknowns[-2:]
-    coefficients = _multiply_precisely(maps.coefficients, acceleration)
     landing = -half * _multiply_precisely(maps.last_slope, acceleration)
+    units = jnp.stack([half**2, half, jnp.ones_like(half)])
+    series = units[:, None] * _multiply_precisely(maps.series, acceleration)
     # Where the last coefficients have not become small, more nodes would be needed.
-    size = jnp.abs(coefficients).max()
-    tail = jnp.abs(coefficients[-2:]).max()
-    resolved = tail <= 0.1 * float(jnp.finfo(size.dtype).eps) ** 0.5 * size
+    coefficients = jnp.abs(series[2, :_NODES])
+    size = coefficients.max()
+    resolved = coefficients[-2:].max() <= 0.1 * float(jnp.finfo(size.dtype).eps) ** 0.5 * size
     exists = solved & resolved & (landing > 0)
-    path = PolynomialPath(
-        rotation=half**2 * _multiply_precisely(maps.path, acceleration),
-        velocity=half * _multiply_precisely(maps.velocity, acceleration),
-        acceleration=coefficients,
-    )
+
+    def path(fraction: Reals) -> tuple[Reals, ...]:
+        # T_n(x) = cos(n arccos(x)).
+        angle = jnp.arccos(2 * fraction - 1)
+        orders = jnp.arange(_NODES + 2, dtype=angle.dtype)
+        polynomials = jnp.cos(jnp.multiply.outer(angle, orders))
+        return tuple(_multiply_precisely(polynomials, part) for part in series)
+
     trace = _compute_trace(scene, unknowns, jnp.where(exists, landing, 1))
     return SteadyMotion(landing, sine, cosine, trace, exists, path)
 
@@ -305,7 +255,8 @@ def _compute_trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Rea
     The map takes time and velocity of a launch. A later launch, and a faster one, change
     rotation and velocity at the time of the next impact by solutions of the linear equation
     along the motion. They are found by collocation too: `begun` is the solution without
-    stiffness, `bent` the acceleration that the stiffness adds.
+    stiffness, `bent` the acceleration that the stiffness adds. Integrals of `bent` begin with
+    value and slope 0.
     """
     maps = _cast_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
@@ -315,13 +266,13 @@ def _compute_trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Rea
     ones = jnp.ones_like(along[0])
     # Of unit rotation, and of unit velocity.
     begun = jnp.stack([ones, half * maps.elapsed], axis=1)
-    matrix = jnp.eye(ones.size, dtype=ones.dtype) - stiffness * (half**2 * maps.onward)
+    onward = maps.between - jnp.outer(maps.elapsed, maps.first_slope)
+    matrix = jnp.eye(ones.size, dtype=ones.dtype) - stiffness * (half**2 * onward)
     bent = jnp.linalg.solve(matrix, stiffness * begun)
+    first, last = _multiply_precisely(jnp.stack([maps.first_slope, maps.last_slope]), bent)
     zero = jnp.zeros_like(half)
-    end = jnp.stack([zero + 1, 2 * half]) + half**2 * _multiply_precisely(
-        maps.onward_end, bent
-    )
-    rate = jnp.stack([zero, zero + 1]) + half * _multiply_precisely(maps.integral, bent)
+    end = jnp.stack([zero + 1, 2 * half]) - 2 * half**2 * first
+    rate = jnp.stack([zero, zero + 1]) + half * (last - first)
     sine = unknowns[-2]
     leaving, arriving = (scene.acceleration(zero, push) for push in (sine, -sine))
     return -c * (end[0] + rate[1]) - end[1] * (leaving + c * arriving) / landing

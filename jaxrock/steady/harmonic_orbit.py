@@ -1,7 +1,6 @@
 """Steady rocking on a floor that goes on to move harmonically, and whether it is stable."""
 
 import math
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,12 +23,7 @@ from ..validation import (
     is_traced,
     unify_precision,
 )
-from .harmonic_linearized import (
-    HalfPeriodPath,
-    HarmonicScene,
-    require_two_sides,
-    solve_linearized,
-)
+from .harmonic_linearized import HarmonicScene, Path, require_two_sides, solve_linearized
 from .harmonic_nonlinear import solve_nonlinear
 
 # Orbits for which one step of Newton's method is taken at once: all wait for the slowest
@@ -37,8 +31,8 @@ from .harmonic_nonlinear import solve_nonlinear
 _TOGETHER = 64
 # Intervals of the half period among whose ends the highest point is chosen.
 _INSTANTS = 128
-# Newton's steps from there to the peak.
-_PEAK_STEPS = 5
+# Newton's steps from there to the peak, with the one that has a derivative.
+_PEAK_STEPS = 6
 
 
 class HarmonicOrbit(Printed, eqx.Module):
@@ -144,23 +138,11 @@ def harmonic_orbit(
     >>> print(f"{orbit.rotation_ratio:.3f}", bool(orbit.stable), bool(orbit.below_uplift))
     0.094 True True
     """
-    model = as_model(model)
     # Two programs: the first one guards its arguments, and makes an orbit that does not exist
     # NaN, from which the second one knows it.
-    values = _compute_quantities(block, restitution, amplitude, frequency, model)
-    return _make_orbit(*values)
-
-
-class _Quantities(NamedTuple):
-    """The fields of an orbit from which the others follow, NaN where there is none."""
-
-    launch: Reals  # velocity
-    phase: Reals
-    peak: Reals
-    ratio: Reals  # of the peak rotation to the critical angle
-    trace: Reals
-    determinant: Reals
-    uplift_excess: Reals  # acceleration that lifts the block from rest, beyond the amplitude
+    return _make_orbit(
+        *_compute_quantities(block, restitution, amplitude, frequency, as_model(model))
+    )
 
 
 @elementwise(
@@ -176,8 +158,16 @@ def _compute_quantities(
     amplitude: Number,
     frequency: Number,
     model: RockingModel,
-) -> _Quantities:
-    """Compute the quantities of all orbits, row by row, each row side by side."""
+) -> tuple[dict[str, Reals], Reals]:
+    """Compute the quantities of all orbits, row by row, each row side by side.
+
+    Returns
+    -------
+    quantities : dict of Array
+        Fields of `HarmonicOrbit`, NaN where there is none.
+    uplift_excess : Array
+        Acceleration that lifts the block from rest, beyond the amplitude [m/s2].
+    """
     equation = Equation.of(block, model)
     rate = block.frequency_parameter
     angle = equation.critical_angle
@@ -201,11 +191,17 @@ def _compute_quantities(
     scenes = jax.tree.unflatten(form, [divide_into_rows(leaf) for leaf in leaves])
     solved = jax.lax.map(jax.vmap(_solve_scene), scenes)
     landing, phase, peak, trace, exists = (p.reshape(-1)[:size].reshape(shape) for p in solved)
-    launch = restitution * (landing * angle * rate)
-    values = launch, phase, peak * angle, peak, trace, restitution**2
+    quantities = dict(
+        launch_velocity=restitution * (landing * angle * rate),
+        phase=phase,
+        peak_rotation=peak * angle,
+        rotation_ratio=peak,
+        trace=trace,
+        determinant=restitution**2,
+    )
     # Last of all, so that no NaN is a factor of a derivative.
-    known = [jnp.where(exists, value, jnp.nan) for value in values]
-    return _Quantities(*known, uplift_excess=uplift_acceleration(block, model) - amplitude)
+    quantities = {name: jnp.where(exists, part, jnp.nan) for name, part in quantities.items()}
+    return quantities, uplift_acceleration(block, model) - amplitude
 
 
 def _solve_scene(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]:
@@ -215,10 +211,10 @@ def _solve_scene(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Bool
     """
     linearized = isinstance(scene.equation.model, Linearized)
     steady = solve_linearized(scene) if linearized else solve_nonlinear(scene)
-    shares = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, _INSTANTS) / _INSTANTS)
-    shares = jnp.asarray(shares, scene.amplitude.dtype)
-    rotations = steady.path.at(shares)[0]
-    peak = _find_peak(steady.path, scene.half_period, shares, rotations)
+    instants = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, _INSTANTS) / _INSTANTS)
+    instants = jnp.asarray(instants, scene.amplitude.dtype)
+    rotations = steady.path(instants)[0]
+    peak = _find_peak(steady.path, scene.half_period, instants, rotations)
     sine = steady.sine
     cosine = steady.cosine
     # A solution of the equations counts only if the block stays above the ground and falls to
@@ -232,54 +228,35 @@ def _solve_scene(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Bool
     return steady.landing, phase, peak, steady.trace, exists
 
 
-def _find_peak(
-    path: HalfPeriodPath, half_period: Reals, shares: Reals, rotations: Reals
-) -> Reals:
+def _find_peak(path: Path, half_period: Reals, instants: Reals, rotations: Reals) -> Reals:
     """Find the highest rotation by Newton's method, from the highest of some instants."""
     top = jnp.argmax(rotations)
-    low, high = (shares[jnp.clip(top + k, 0, shares.size - 1)] for k in (-1, 1))
-
-    def take_newton_step(path: HalfPeriodPath, half_period: Reals, share: Reals) -> Reals:
-        _, velocity, acceleration = path.at(share)
+    low, high = (instants[jnp.clip(top + k, 0, instants.size - 1)] for k in (-1, 1))
+    instant = instants[top]
+    for _ in range(_PEAK_STEPS):
+        # Only the last step has a derivative. The first derivative of the peak needs none, as
+        # the velocity there is 0; the second one needs the first derivative of the instant.
+        instant = jax.lax.stop_gradient(instant)
+        _, velocity, acceleration = path(instant)
         falling = acceleration < 0
         step = velocity / (half_period * jnp.where(falling, acceleration, -1))
-        return jnp.clip(jnp.where(falling, share - step, share), low, high)
-
-    share = shares[top]
-    fixed = jax.lax.stop_gradient((path, half_period))
-    for _ in range(_PEAK_STEPS):
-        share = take_newton_step(*fixed, share)
-    # Only the last step has a derivative. The first derivative of the peak needs none, as the
-    # velocity there is 0; the second one needs the first derivative of the instant.
-    return path.at(take_newton_step(path, half_period, share))[0]
+        instant = jnp.clip(jnp.where(falling, instant - step, instant), low, high)
+    return path(instant)[0]
 
 
 @jax.jit
-def _make_orbit(
-    launch: Reals,
-    phase: Reals,
-    peak: Reals,
-    ratio: Reals,
-    trace: Reals,
-    determinant: Reals,
-    uplift_excess: Reals,
-) -> HarmonicOrbit:
+def _make_orbit(quantities: dict[str, Reals], uplift_excess: Reals) -> HarmonicOrbit:
     """Make the orbit; it exists where the launch velocity is not NaN."""
-    exists = ~jnp.isnan(launch)
-    known = jnp.where(exists, trace, 0)
-    share = jnp.where(exists, determinant, 0)
-    multipliers = _compute_multipliers(known, share)
+    exists = ~jnp.isnan(quantities["launch_velocity"])
+    trace = jnp.where(exists, quantities["trace"], 0)
+    determinant = jnp.where(exists, quantities["determinant"], 0)
+    multipliers = _compute_multipliers(trace, determinant)
     return HarmonicOrbit(
-        launch_velocity=launch,
-        phase=phase,
-        peak_rotation=peak,
-        rotation_ratio=ratio,
+        **quantities,
         multipliers=jnp.where(exists[..., None], multipliers, jnp.nan),
-        trace=trace,
-        determinant=determinant,
         exists=exists,
-        stable=exists & (jnp.abs(known) < 1 + share) & (share < 1),
-        symmetry_broken=exists & (known < -1 - share),
+        stable=exists & (jnp.abs(trace) < 1 + determinant) & (determinant < 1),
+        symmetry_broken=exists & (trace < -1 - determinant),
         below_uplift=exists & (uplift_excess > 0),
     )
 

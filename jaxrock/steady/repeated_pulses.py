@@ -4,6 +4,7 @@
 larger fixed points are sought from the top down.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,23 +16,10 @@ from ..block import Block
 from ..ground_motion import Pulse
 from ..host import Printed, format_fields
 from ..impact import count_half_cycles
-from ..numerics import (
-    ABOVE,
-    BELOW,
-    NOWHERE,
-    Root,
-    Sample,
-    Scan,
-    differentiate_implicitly,
-    select_tree,
-)
+from ..numerics import Root, differentiate_implicitly, select_tree
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Booleans, Integers, Number, Reals
 from .repeated_pulses_map import (
-    LANDS,
-    OVERTURNS,
-    RESTS,
-    Landing,
     PulsedScene,
     check_pulsed_arguments,
     compute_landing,
@@ -40,8 +28,9 @@ from .repeated_pulses_map import (
 
 # Evaluations of the map from rest, at most.
 _MAX_FROM_REST = 300
-# Velocities at which a scan looks at the map.
+# Velocities at which a scan looks at the map, and evaluations between two of them, at most.
 _POINTS = 64
+_MAX_BETWEEN = 100
 # A landing velocity that is less than this part of the first one, and falls, dies out.
 _DYING = 1e-6
 
@@ -100,17 +89,24 @@ def pulsed_phase(
 ) -> PulsedPhase:
     """Find the stabilized phase under pulses of finite duration.
 
-    The phase is the fixed point of `pulsed_next_velocity` that a block at rest reaches under
-    successive pulses. If that motion dies out or never begins, the phase is the largest stable
-    fixed point, which only a block that already moves can reach. If there is none either, the
-    phase is rest. As the duration
-    of the pulse goes to 0 at constant intensity, the phase tends to that of `Nonlinear`; the
-    difference is proportional to the duration.
+    The half-cycle map leads from one landing velocity to the next. The phase is its fixed point
+    that a block at rest reaches under successive pulses. If that motion dies out or never
+    begins, the phase is the largest stable fixed point, which only a block that already moves
+    can reach. If there is none either, the phase is rest. As the duration of the pulse goes to
+    0 at constant intensity, the phase tends to that of `Nonlinear`; the difference is
+    proportional to the duration.
 
     Parameters
     ----------
-    block, restitution, pulse, model, rtol
-        As in `pulsed_next_velocity`.
+    block, restitution : Block, float
+        One block; C [-], between 0 and 1, of a one-sided block its magnitude.
+    pulse : Pulse
+        Acts from each impact on, outward: a positive amplitude pushes the block away from the
+        ground, to whichever side it stands on.
+    model : Nonlinear or Linearized, or their names
+        Equation of motion; see `respond`.
+    rtol : float
+        Tolerance of the integration, at most 0.001.
 
     Returns
     -------
@@ -136,36 +132,51 @@ def pulsed_phase(
     >>> print(f"{phase.rotation_ratio:.3f}", bool(phase.from_rest), bool(phase.settles))
     0.241 False False
     """
-    scene, _ = check_pulsed_arguments(block, restitution, pulse, 0.0, rtol)
+    scene = check_pulsed_arguments(block, restitution, pulse, rtol)
     return compute_phase(scene, as_model(model), rtol)
 
 
 def _compute_gap(
     scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
-) -> tuple[Reals, tuple[Reals, ...], Integers]:
-    """Compute the gap P(v) - v, 0 at a fixed point; its rate, time, peak and outcome."""
+) -> tuple[Reals, tuple[Reals, ...], Booleans]:
+    """Compute the gap P(v) - v, 0 at a fixed point; rate, time and peak; if it overturns."""
+    value, rate, (time, peak, overturns) = jax.jvp(
+        lambda v: compute_landing(scene, v, model, rtol),
+        (velocity,),
+        (jnp.ones_like(velocity),),
+        has_aux=True,
+    )
+    return value - velocity, (rate, time, peak), overturns
 
-    def land(velocity: Reals) -> tuple[Reals, Landing]:
-        return compute_landing(scene, velocity, model, rtol)
 
-    direction = jnp.ones_like(velocity)
-    value, rate, (outcome, time, peak) = jax.jvp(land, (velocity,), (direction,), has_aux=True)
-    return value - velocity, (rate, time, peak), outcome
+class _Sample(NamedTuple):
+    """The gap at one velocity: NaN where no landing follows."""
+
+    velocity: Reals
+    gap: Reals
+    slope: Reals
+
+    @property
+    def newton(self) -> Reals:
+        """Step of Newton's method to the fixed point."""
+        return self.gap / jnp.where(self.slope == 0, 1e-30, -self.slope)
 
 
 class _PhaseSearch(NamedTuple):
-    """The state of the search; see the table in `_search_fixed_point`."""
+    """The state of the search; see the tables in `_search_fixed_point` and below it."""
 
-    scan: Scan  # its point is -1 as long as the map is iterated from rest
-    reach: Reals  # how many times as long as the map's own step a step may be
-    extrapolates: Booleans  # whether the step was longer than the step of the map
-    first: Reals  # first landing velocity, of a block lifted from rest
+    trial: Reals  # where the map is evaluated next
+    last: _Sample
+    point: Integers  # of the scan; -1 as long as the map is iterated from rest
+    since: Integers  # evaluations since the beginning, or since that point
     goes_on: Booleans
     exists: Booleans  # a stable fixed point was found
     overturns: Booleans  # the pulses overturn the block from rest
-
-
-_PhaseAndValues = tuple[_PhaseSearch, tuple[Reals, ...]]
+    reach: Reals  # how many times as long as the map's own step a step may be
+    extrapolates: Booleans  # whether the step was longer than the step of the map
+    first: Reals  # first landing velocity, of a block lifted from rest
+    left: _Sample  # the lower end of the interval in which a fixed point is sought
+    right: _Sample  # the upper end
 
 
 def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
@@ -173,13 +184,14 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
     # Stage               | What is known                       | What happens next
     # --------------------|-------------------------------------|-----------------------------
     # from rest           | the landings so far                 | `_iterate_from_rest`; at a
-    #   (scan.point < 0)  |                                     |   stable fixed point: found;
+    #   (point < 0)       |                                     |   stable fixed point: found;
     #                     |                                     |   overturned: the end; where
     #                     |                                     |   motion dies: the scan
-    # scan                | no stable fixed point lies above    | the next point below, or a
-    #   (scan.point >= 0) |   this point                        |   place between two points
-    #                     |                                     |   where one may hide; at a
-    #                     |                                     |   stable one: found
+    # scan                | no stable fixed point lies above    | `_scan_downwards`: the next
+    #   (point >= 0)      |   this point                        |   point below, or a place
+    #                     |                                     |   between two points where
+    #                     |                                     |   one may hide; at a stable
+    #                     |                                     |   one: found
     # scan at its bottom  | there is none                       | the end: the block settles
     #
     # One loop for both stages, so that the program of a half-cycle is compiled once.
@@ -195,105 +207,177 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
     def place_point(index: ArrayLike) -> Reals:
         return top * (bottom / top) ** (index / (_POINTS - 1))
 
-    def evaluate_map(state: _PhaseAndValues) -> _PhaseAndValues:
-        search = state[0]
-        velocity = search.scan.trial
-        gap, values, outcome = _compute_gap(scene, velocity, model=model, rtol=rtol)
-        lands = outcome == LANDS
+    def evaluate_map(
+        state: tuple[_PhaseSearch, tuple[Reals, ...]],
+    ) -> tuple[_PhaseSearch, tuple[Reals, ...]]:
+        search, _ = state
+        velocity = search.trial
+        gap, values, overturns = _compute_gap(scene, velocity, model=model, rtol=rtol)
+        new = _Sample(velocity, gap, values[0] - 1)
         size = tolerance * velocity
-        kind = jnp.where(lands & (gap >= 0), ABOVE, BELOW)
-        new = Sample(velocity, gap, values[0] - 1, jnp.where(outcome > RESTS, NOWHERE, kind))
         # Within a few tolerances, a gap that no longer shrinks is the error of the map.
-        stuck = (jnp.abs(gap) <= 8 * size) & (
-            jnp.abs(gap) >= 0.5 * jnp.abs(search.scan.last.value)
-        )
-        reached = lands & (velocity > 0) & ((jnp.abs(new.newton) <= size) | stuck)
+        stuck = (jnp.abs(gap) <= 8 * size) & (jnp.abs(gap) >= 0.5 * jnp.abs(search.last.gap))
+        reached = (velocity > 0) & ((jnp.abs(new.newton) <= size) | stuck)
         # An unstable fixed point is none: no motion stays there.
         stands = reached & (jnp.abs(values[0]) <= 1)
-        from_rest = _iterate_from_rest(search, new, outcome, stands, place_point(0))
-        scan = search.scan.advance(new, reached, place_point)
-        goes_on = ~stands & (scan.point < _POINTS)
-        scanned = search._replace(scan=scan, goes_on=goes_on, exists=stands)
-        return select_tree(search.scan.point < 0, from_rest, scanned), values
+        from_rest = _iterate_from_rest(search, new, stands, overturns, place_point(0))
+        scanned = _scan_downwards(search, new, reached, stands, place_point)
+        return select_tree(search.point < 0, from_rest, scanned), values
 
     zero = jnp.zeros_like(top)
+    count = jnp.zeros((), int)
     no = jnp.zeros((), bool)
-    begin = _PhaseSearch(Scan.start(zero), zero + 1, no, zero, ~no, no, no)
-    start = begin, (zero, zero, zero)
-    end, values = jax.lax.while_loop(lambda state: state[0].goes_on, evaluate_map, start)
-    root, *values = (jnp.where(end.exists, x, 0) for x in (end.scan.last.place, *values))
-    at_rest = end.scan.point < 0
-    return Root(
-        root,
-        tuple(values),
-        end.exists,
-        (at_rest & end.exists, ~at_rest & ~end.exists, end.overturns),
+    # Of gap 0, which is not negative: above the first point no fixed point is sought.
+    start = _Sample(zero, zero, zero)
+    begin = _PhaseSearch(
+        zero, start, count - 1, count, ~no, no, no, zero + 1, no, zero, start, start
     )
+    end, values = jax.lax.while_loop(
+        lambda state: state[0].goes_on, evaluate_map, (begin, (zero, zero, zero))
+    )
+    root, *values = (jnp.where(end.exists, x, 0) for x in (end.last.velocity, *values))
+    at_rest = end.point < 0
+    flags = at_rest & end.exists, ~at_rest & ~end.exists, end.overturns
+    return Root(root, tuple(values), end.exists, flags)
 
 
 def _iterate_from_rest(
-    search: _PhaseSearch, new: Sample, outcome: Integers, stands: Booleans, top: Reals
+    search: _PhaseSearch, new: _Sample, stands: Booleans, overturns: Booleans, top: Reals
 ) -> _PhaseSearch:
     """Iterate the map, in longer steps while it is nearly linear, which it often is."""
     # Step before       | What the map shows                   | What happens next
     # ------------------|--------------------------------------|-------------------------------
-    # of the map itself | linear, as the place before said     | accepted; reach 4 times as far
+    # of the map itself | linear, as the velocity before said  | accepted; reach 4 times as far
     # of the map itself | anything else                        | accepted; reach 1
     # extrapolated      | linear                               | accepted; reach 4 times as far
-    # extrapolated      | not linear                           | back to the place before, from
-    #                   |                                      |   there a step of the map
+    # extrapolated      | not linear                           | back to the velocity before,
+    #                   |                                      |   then a step of the map
     # accepted          | a stable fixed point                 | found
     # accepted          | it overturns, or fails               | the end
     # accepted          | it rests, or lands with a velocity   | dies: the scan begins at its
     #                   |   all but 0 that falls in proportion |   top
-    scan = search.scan
-    old = search.scan.last
-    width = new.place - old.place
-    # Value and slope are what the place before said, to half of the gap there.
-    shrinks = 0.5 * jnp.abs(old.value)
+    old = search.last
+    width = new.velocity - old.velocity
+    # Gap and slope are what the velocity before said, to half of the gap there.
+    shrinks = 0.5 * jnp.abs(old.gap)
     linear = (
-        (outcome == LANDS)
-        & (jnp.abs(new.value - (old.value + width * old.slope)) <= shrinks)
+        (new.velocity + new.gap > 0)
+        & (jnp.abs(new.gap - (old.gap + width * old.slope)) <= shrinks)
         & (jnp.abs((new.slope - old.slope) * width) <= shrinks)
-        & (old.place > 0)
+        & (old.velocity > 0)
     )
     accepted = linear | ~search.extrapolates
     at = select_tree(accepted, new, old)
-    gap = at.value
+    gap = at.gap
+    velocity = at.velocity
     rate = 1 + at.slope
     reach = jnp.where(linear, 4 * search.reach, 1)
     # No further than Newton's step, which is infinite where the map climbs as fast as v.
     newton = jnp.where(rate < 1, jnp.abs(at.newton), jnp.inf)
     step = jnp.sign(gap) * jnp.minimum(newton, reach * jnp.abs(gap))
     # Where the map falls, so that its iterates alternate, its own step; Newton's from nearby.
-    near = (jnp.abs(gap) <= 1e-4 * at.place) & (jnp.abs(rate) < 1)
+    near = (jnp.abs(gap) <= 1e-4 * velocity) & (jnp.abs(rate) < 1)
     step = jnp.where(rate > 0, step, jnp.where(near, at.newton, gap))
     # Down to 0 in many steps, so that a fixed point on the way is seen. The map itself may go
     # there at once.
-    step = jnp.maximum(step, jnp.minimum(gap, -0.9 * at.place))
-    first = jnp.where(at.place == 0, gap, search.first)
-    dying = (at.kind == BELOW) & (at.place <= _DYING * first)
+    step = jnp.maximum(step, jnp.minimum(gap, -0.9 * velocity))
+    first = jnp.where(velocity == 0, gap, search.first)
+    dying = (gap < 0) & (velocity <= _DYING * first)
     # The tangent leads through 0, as under the beginning of a pulse: the motion dies out.
-    straight = jnp.abs(gap - at.slope * at.place) <= 1e-3 * at.place
-    dies = accepted & ((at.place + gap == 0) | (dying & straight))
+    straight = jnp.abs(gap - at.slope * velocity) <= 1e-3 * velocity
     stands = stands & accepted
-    goes_on = ~stands & ~(accepted & (new.kind == NOWHERE)) & (scan.since < _MAX_FROM_REST)
-    dies = dies & goes_on
-    following = scan._replace(
-        trial=jnp.where(dies, top, at.place + step),
+    goes_on = ~stands & ~(accepted & jnp.isnan(new.gap)) & (search.since < _MAX_FROM_REST)
+    dies = goes_on & accepted & ((velocity + gap == 0) | (dying & straight))
+    return search._replace(
+        trial=jnp.where(dies, top, velocity + step),
         last=at,
-        point=jnp.where(dies, 0, scan.point),
-        since=jnp.where(dies, 0, scan.since + 1),
-    )
-    return _PhaseSearch(
-        scan=following,
+        point=jnp.where(dies, 0, search.point),
+        since=jnp.where(dies, 0, search.since + 1),
+        goes_on=goes_on,
+        exists=stands,
+        overturns=accepted & overturns,
         reach=reach,
         extrapolates=jnp.abs(step) > (1 + 1e-9) * jnp.abs(gap),
         first=first,
-        goes_on=goes_on,
-        exists=stands,
-        overturns=accepted & (outcome == OVERTURNS),
     )
+
+
+def _scan_downwards(
+    search: _PhaseSearch,
+    new: _Sample,
+    reached: Booleans,
+    stands: Booleans,
+    place_point: Callable[[ArrayLike], Reals],
+) -> _PhaseSearch:
+    """Take in the sample at the trial, and decide where the next one is wanted."""
+    # The trial was       | What happens next
+    # --------------------|-------------------------------------------------------------------
+    # a point (since = 0) | The sample becomes `left`. Between it and `right`, the point above
+    #                     |   it: a trial if a fixed point may hide there, since = 1. Else: on.
+    # between the two     | The sample replaces one of them, so that the fixed point stays in
+    #                     |   between. If one may still hide: another trial. Else: on.
+    # a fixed point       | On.
+    #
+    # On to the next point: `left`, below which nothing is known, becomes `right`.
+    left = search.left
+    right = search.right
+    # A stable fixed point, at which the gap falls, is to the right of a gap above 0, and to the
+    # left of one below 0, unless that one is on the rise to a hump. An edge, beyond which no
+    # landing follows, stays in the interval as well.
+    climbs = (left.gap < 0) & (jnp.isnan(right.gap) | (new.slope > 0))
+    stays = jnp.where(jnp.isnan(new.gap), jnp.isnan(left.gap), climbs)
+    to_left = (search.since == 0) | (new.gap >= 0) | stays
+    left = select_tree(to_left, new, left)
+    right = select_tree(to_left, right, new)
+    halve = (search.since > 0) & (search.since % 3 == 0)
+    hides, between = _propose_velocity(left, right, new, halve)
+    # Between neighbouring numbers the gap jumps over 0.
+    eps = float(jnp.finfo(between.dtype).eps)
+    wide = right.velocity - left.velocity > 4 * eps * right.velocity
+    hides = hides & wide & (search.since <= _MAX_BETWEEN) & ~reached
+    point = jnp.where(hides, search.point, search.point + 1)
+    return search._replace(
+        trial=jnp.where(hides, between, place_point(point.astype(between.dtype))),
+        last=new,
+        point=point,
+        since=jnp.where(hides, search.since + 1, 0),
+        goes_on=~stands & (point < _POINTS),
+        exists=stands,
+        left=left,
+        right=select_tree(hides, right, left),
+    )
+
+
+def _propose_velocity(
+    left: _Sample, right: _Sample, last: _Sample, halve: Booleans
+) -> tuple[Booleans, Reals]:
+    """Return whether a fixed point may hide in an interval, and propose where to look for it.
+
+    With `halve` in the middle: Newton's method alone may creep towards a root from one side.
+    """
+    low = left.velocity
+    high = right.velocity
+    open_above = ~(right.gap >= 0)
+    closed = right.gap < 0
+    crosses = (left.gap >= 0) & open_above
+    # Beside an edge, beyond which no landing follows, the gap may begin above 0 and fall.
+    edge = jnp.isnan(left.gap) & closed
+    # A hump has no sign change at its ends, but may reach above 0 where their tangents meet.
+    # An open one is not known on the right side.
+    bend = left.slope - right.slope
+    along = right.gap - left.gap - right.slope * (high - low)
+    along = along / jnp.where(bend > 0, bend, 1)
+    top = left.gap + left.slope * jnp.where(closed, along, high - low)
+    climbs = (left.gap < 0) & (left.slope > 0) & open_above
+    hump = climbs & ~(closed & (right.slope >= 0)) & (top > 0)
+
+    # By Newton's method as long as that stays inside. At the top of a hump, but not so close
+    # to an end that the interval would hardly shrink. Else in the middle.
+    newton = last.velocity + last.newton
+    inside = crosses & closed & (newton > low) & (newton < high) & ~halve
+    peak = jnp.clip(low + along, 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)
+    middle = jnp.where(hump & closed, peak, 0.5 * (low + high))
+    return crosses | edge | hump, jnp.where(inside, newton, middle)
 
 
 _find_fixed_point = differentiate_implicitly(_search_fixed_point, _compute_gap)

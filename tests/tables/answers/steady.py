@@ -61,30 +61,22 @@ def make_blocks():
 def settle_under_pulses():
     for shape in (jr.HalfSine, jr.Rectangular):
         phases = []
-        velocities = []
         for half_width, slenderness, c, duration in make_blocks():
             block = jr.Block(half_width, slenderness)
             pulse = shape(0.15 / (shape.area * duration), duration)
             phases.append(jr.pulsed_phase(block, c, pulse))
-            velocities.append(jr.steady.pulsed_next_velocity(block, c, pulse, 0.2))
         yield from stack_fields(phases, OF_PHASE, f"{shape.__name__}/")
-        yield f"{shape.__name__}/next_velocity", np.stack(velocities)
 
 
 @group("steady/thresholds", 1e-8)
 def find_thresholds():
-    for half_cycles in (np.inf, 3):
-        thresholds = [
-            jr.critical_pulsed_amplitude(
-                jr.Block(half_width, slenderness),
-                c,
-                jr.HalfSine,
-                duration,
-                half_cycles=half_cycles,
-            )
-            for half_width, slenderness, c, duration in make_blocks()
-        ]
-        yield from stack_fields(thresholds, OF_THRESHOLD, f"{half_cycles}/")
+    thresholds = [
+        jr.critical_pulsed_amplitude(
+            jr.Block(half_width, slenderness), c, jr.HalfSine, duration
+        )
+        for half_width, slenderness, c, duration in make_blocks()
+    ]
+    yield from stack_fields(thresholds, OF_THRESHOLD)
 
 
 @group("steady/derivatives", 1e-7)
