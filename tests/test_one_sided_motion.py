@@ -17,6 +17,7 @@ FACADE = jr.Block.from_size(width=0.6, height=6.0, one_sided=True)
 RECORDS = list(jr.example_suite().names)
 _NAMES = []  # of the programs that were compiled
 BOUNCY = jr.Block(0.2, 4.0, one_sided=True)
+AT_REST = jr.Record([0.0, 0.0], 0.01)
 
 
 def _hear(event, seconds, **details):
@@ -108,7 +109,7 @@ def test_what_pushes_into_the_wall_moves_nothing():
     """A sine that begins towards the wall does what its second half does alone."""
     towards = jr.Sine(-6.0, 0.6)
     alone = jr.HalfSine(6.0, 0.3).shifted(0.3)
-    for motion, same in ((towards, alone), (jr.HalfSine(-6.0, 0.3), jr.Record([0.0, 0.0], 0.01))):
+    for motion, same in ((towards, alone), (jr.HalfSine(-6.0, 0.3), AT_REST)):
         response = jr.respond(BOUNCY, -0.4, motion, 3.0)
         expected = jr.respond(BOUNCY, -0.4, same, 3.0)
         many = jr.respond_batch(BOUNCY, -0.4, motion, 3.0)
@@ -122,7 +123,7 @@ def test_what_pushes_into_the_wall_moves_nothing():
 
 
 def test_velocity_is_reversed_and_the_side_stays():
-    response = jr.respond(BOUNCY, -0.5, jr.Record([0.0, 0.0], 0.01), 4.0, rotation=0.15)
+    response = jr.respond(BOUNCY, -0.5, AT_REST, 4.0, rotation=0.15)
     times = np.linspace(0, 4, 401)
     rotation, _ = response.history(times)
     assert np.min(rotation) >= 0
@@ -131,7 +132,7 @@ def test_velocity_is_reversed_and_the_side_stays():
     speeds = np.asarray(response.impact_velocities)[:8]
     np.testing.assert_allclose(speeds[1:] / speeds[:-1], 0.5, rtol=1e-4)
     # Each flight takes as long as that of a free-standing block.
-    free = jr.respond(jr.Block(0.2, 4.0), 0.5, jr.Record([0.0, 0.0], 0.01), 4.0, rotation=0.15)
+    free = jr.respond(jr.Block(0.2, 4.0), 0.5, AT_REST, 4.0, rotation=0.15)
     np.testing.assert_allclose(response.impact_times[:8], free.impact_times[:8], rtol=1e-5)
     np.testing.assert_allclose(response.margin, free.margin, rtol=1e-5)
     margin = jr.driven.free_motion_margin(BOUNCY, -0.5, 0.0, -0.1)
@@ -146,7 +147,7 @@ def test_velocity_is_reversed_and_the_side_stays():
 )
 def test_no_state_is_behind_the_wall(rotation, velocity):
     with pytest.raises(ValueError, match="rotation of a one-sided block must be"):
-        jr.respond(BOUNCY, 0.4, jr.Record([0.0, 0.0], 0.01), 1.0, rotation=rotation, velocity=velocity)
+        jr.respond(BOUNCY, 0.4, AT_REST, 1.0, rotation=rotation, velocity=velocity)
     pulse = jr.Sine(4.0, 0.5)
     with pytest.raises(ValueError, match="rotation of a one-sided block must be"):
         jr.respond_batch(BOUNCY, 0.4, pulse, rotation=rotation, velocity=velocity)

@@ -380,7 +380,7 @@ def test_in_balance(model, sign):
     """Nothing moves a block that is let go at the critical angle, and the status says so."""
     block = jr.Block(0.2, 5.0)
     angle = sign * block.critical_angle
-    r = jr.respond(block, 0.9, jr.Record([0.0, 0.0], 0.01), 5.0, rotation=angle, model=model)
+    r = jr.respond(block, 0.9, STILL, 5.0, rotation=angle, model=model)
     assert r.status == jr.Status.BALANCED
     assert (r.final_rotation, r.final_velocity, r.peak_rotation) == (angle, 0, abs(angle))
     assert (r.impacts, r.overturned, r.margin) == (0, False, 0)
@@ -426,7 +426,7 @@ def test_balance_leaves_its_neighbours_alone():
     angles = np.array([0.1, float(block.critical_angle), 0.15])
 
     def final(rotation):
-        return jr.respond(block, 0.9, jr.Record([0.0, 0.0], 0.01), 5.0, rotation=rotation).final_rotation
+        return jr.respond(block, 0.9, STILL, 5.0, rotation=rotation).final_rotation
 
     together = jax.jit(jax.vmap(final))(angles)
     np.testing.assert_allclose(together, [final(angle) for angle in angles], rtol=1e-12)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..driven import TOPPLED_ROTATION, BatchResponse, GroundMotions, require_complete
+from ..driven import TOPPLED_ROTATION, BatchResponse, require_complete
 from ..ground_motion import Motion, Suite
 from ..host import Printed, count_work, format_fields
 from ..numerics import EvaluatedMargin, find_brackets, find_brackets_traced, refine_brackets
