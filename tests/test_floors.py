@@ -1,6 +1,5 @@
 """Records and suites on a floor of a building, and suites in both directions."""
 
-
 import jax
 import jax.numpy as jnp
 import mpmath

@@ -179,7 +179,13 @@ def test_released_on_still_ground():
     tilt = 0.1
     c = 0.9
     response = jr.respond(
-        block, c, jr.Record([0.0, 0.0], 0.01), 1.5, rotation=tilt, rtol=1e-12, model="linearized"
+        block,
+        c,
+        jr.Record([0.0, 0.0], 0.01),
+        1.5,
+        rotation=tilt,
+        rtol=1e-12,
+        model="linearized",
     )
     p = block.frequency_parameter
     critical = block.critical_angle

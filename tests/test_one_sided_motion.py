@@ -108,7 +108,10 @@ def test_what_pushes_into_the_wall_moves_nothing():
     """A sine that begins towards the wall does what its second half does alone."""
     towards = jr.Sine(-6.0, 0.6)
     alone = jr.HalfSine(6.0, 0.3).shifted(0.3)
-    for motion, same in ((towards, alone), (jr.HalfSine(-6.0, 0.3), jr.Record([0.0, 0.0], 0.01))):
+    for motion, same in (
+        (towards, alone),
+        (jr.HalfSine(-6.0, 0.3), jr.Record([0.0, 0.0], 0.01)),
+    ):
         response = jr.respond(BOUNCY, -0.4, motion, 3.0)
         expected = jr.respond(BOUNCY, -0.4, same, 3.0)
         many = jr.respond_batch(BOUNCY, -0.4, motion, 3.0)
@@ -146,7 +149,9 @@ def test_velocity_is_reversed_and_the_side_stays():
 )
 def test_no_state_is_behind_the_wall(rotation, velocity):
     with pytest.raises(ValueError, match="rotation of a one-sided block must be"):
-        jr.respond(BOUNCY, 0.4, jr.Record([0.0, 0.0], 0.01), 1.0, rotation=rotation, velocity=velocity)
+        jr.respond(
+            BOUNCY, 0.4, jr.Record([0.0, 0.0], 0.01), 1.0, rotation=rotation, velocity=velocity
+        )
     pulse = jr.Sine(4.0, 0.5)
     with pytest.raises(ValueError, match="rotation of a one-sided block must be"):
         jr.respond_batch(BOUNCY, 0.4, pulse, rotation=rotation, velocity=velocity)
