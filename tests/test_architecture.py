@@ -75,7 +75,7 @@ CODE_LINES = {
     "accuracy": 453,
     "grids": 324,
     "spectra": 600,
-    "risk": 2141,
+    "risk": 2142,
     "plot": 1073,
     "reports": 330,
     "cli": 1042,

@@ -426,7 +426,9 @@ def test_balance_leaves_its_neighbours_alone():
     angles = np.array([0.1, float(block.critical_angle), 0.15])
 
     def final(rotation):
-        return jr.respond(block, 0.9, STILL, 5.0, rotation=rotation).final_rotation
+        return jr.respond(
+            block, 0.9, jr.Record([0.0, 0.0], 0.01), 5.0, rotation=rotation
+        ).final_rotation
 
     together = jax.jit(jax.vmap(final))(angles)
     np.testing.assert_allclose(together, [final(angle) for angle in angles], rtol=1e-12)

@@ -13,6 +13,7 @@ from ..ground_motion import FLOOR_DAMPING, FLOOR_PERIOD
 from ..host import Printed
 from ..sensitivity import Uncertain
 from ..validation import (
+    BELOW_ONE,
     FINITE,
     UNIT_INTERVAL,
     Booleans,
@@ -134,7 +135,7 @@ class Inventory(Printed, eqx.Module):
             "one_sided": (walls, "", None),
             "restitution_assumed": (restitution_assumed, "", None),
             "floor_period": (floor_period, "s", FLOOR_PERIOD),
-            "floor_damping": (floor_damping, "", UNIT_INTERVAL),
+            "floor_damping": (floor_damping, "", BELOW_ONE),
             "floor_participation": (floor_participation, "", FINITE),
         }
         for name, (value, unit, domain) in columns.items():

@@ -11,7 +11,7 @@ from ..ground_motion import FLOOR_DAMPING, FLOOR_PERIOD
 from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size
 from ..sensitivity import Uncertain
 from ..tables import Column, read_table
-from ..validation import AT_LEAST_ONE, FINITE, NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, Domain
+from ..validation import AT_LEAST_ONE, BELOW_ONE, FINITE, NON_NEGATIVE, POSITIVE, Domain
 from .hazard import Hazard
 from .hazard_files import read_hazard
 from .inventory import Inventory
@@ -39,8 +39,8 @@ _COLUMNS = {
     _COEFFICIENT: Column("ratio", NON_NEGATIVE, synonyms=("restitution cov",)),
     "one-sided": Column("flag"),
     "floor period": Column("time", FLOOR_PERIOD),
-    # Above critical damping the number is one of per cent.
-    "floor damping": Column("ratio", UNIT_INTERVAL),
+    # Above critical damping (1) the number is one of per cent.
+    "floor damping": Column("ratio", BELOW_ONE),
     "floor participation": Column("ratio", FINITE),
 }
 
