@@ -332,19 +332,6 @@ def test_the_floor_of_a_sample_is_its_own():
     )
 
 
-@pytest.mark.thorough
-def test_many_floors_are_simulated_in_groups(monkeypatch):
-    """Records of samples are many, and no bit depends on how they lie in memory."""
-    from jaxrock.driven.many_blocks import ground_motions
-
-    site = jr.Site(suite().on_floor(0.4), HAZARD, spacing=0.1)
-    uncertain = jr.Uncertain({"floor_period": 0.3}, samples=4)
-    whole = jr.overturning_rate(BLOCK, 0.8, site, uncertain)
-    monkeypatch.setattr(ground_motions, "_GROUP_ROOM", 1)
-    grouped = jr.overturning_rate(BLOCK, 0.8, site, uncertain)
-    np.testing.assert_array_equal(grouped.sample_rates, whole.sample_rates)
-
-
 def test_answers_say_on_which_motions_they_rest():
     both = suite().on_floor(0.4, time_step=0.01).both_directions()
     wall = jr.Block(0.15, 4.0, one_sided=True)

@@ -19,9 +19,23 @@ from .initial_state import InitialState
 from .taylor import tilt_sine_cosine
 
 
+class StepControl(NamedTuple):
+    """The length of each step of a block, and the terms of its polynomial that count.
+
+    A step ends at the next sample of a record, however loose the tolerance. So a tolerance
+    alone does not make two motions whose steps differ; leaving out terms does.
+    """
+
+    tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
+    longest: HostNumbers  # factor on the longest step, 1 unless changed
+    # Factors on the last two terms, once the step is chosen; 1 unless changed.
+    last_terms: tuple[HostNumbers, HostNumbers]
+
+
 class BatchArguments(NamedTuple):
     """The numbers of each block of a batch; arrays of one type that broadcast."""
 
+    control: StepControl
     block: Block
     restitution: HostNumbers
     factor: HostNumbers  # on the motion: its amplitude or scale
@@ -47,6 +61,8 @@ class Case(eqx.Module):
     start: PerBlock  # of the motion
     duration: PerBlock
     excitation: Excitation
+    control: StepControl
+    log_tolerance: PerBlock  # to base 2, once for all steps
 
 
 class PreparedBlocks(NamedTuple):
@@ -119,6 +135,7 @@ def prepare_blocks(
         velocity = jnp.where(valid, velocity, 0)
         initial = InitialState.of(equation, rotation, velocity, start)
 
+    control = jax.lax.stop_gradient(arguments.control)
     ground_sine, ground_cosine = tilt_sine_cosine(equation, angle)
     case = Case(
         # Without numbers that no step needs: what a loop carries costs time.
@@ -131,5 +148,7 @@ def prepare_blocks(
         start=start,
         duration=duration,
         excitation=excitation,
+        control=control,
+        log_tolerance=jnp.log2(control.tolerance).astype(jnp.float32),
     )
     return PreparedBlocks(case, initial, unit, valid)

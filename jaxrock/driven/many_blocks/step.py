@@ -35,7 +35,6 @@ that rests is done.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -50,7 +49,6 @@ from .flight import LONGEST_STEP, StepFlight
 from .ground_input import (
     CountPerBlock,
     GroundInput,
-    HostNumbers,
     PerBlock,
     TruthPerBlock,
     rounding_margin,
@@ -67,19 +65,6 @@ from .taylor import (
 )
 
 
-class StepControl(NamedTuple):
-    """The length of each step, and the terms of its polynomial that count.
-
-    A step ends at the next sample of a record, however loose the tolerance. So a tolerance
-    alone does not make two motions whose steps differ; leaving out terms does.
-    """
-
-    tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
-    longest: HostNumbers | float  # factor on the longest step, 1 unless changed
-    # Factors on the last two terms, once the step is chosen; 1 unless changed.
-    last_terms: tuple[HostNumbers | float, HostNumbers | float]
-
-
 class Lanes(eqx.Module):
     """The states of the blocks that are followed side by side."""
 
@@ -94,7 +79,7 @@ class Lanes(eqx.Module):
     impacts: CountPerBlock
     steps: CountPerBlock  # in motion
     # Of the squared velocities before impacts while the input acts, weighted by time; see
-    # `ImpactSum`.
+    # `SimulatedBatch`.
     impact_sum: PerBlock
     end_rotation: PerBlock  # at the end of the input, or now if that is earlier
     end_velocity: PerBlock
@@ -160,7 +145,6 @@ def take_step(
     lanes: Lanes,
     case: Case,
     ground: GroundInput,
-    control: StepControl,
     order: int,
 ) -> Lanes:
     """Take each lane a step further; the table above says where it leads.
@@ -198,15 +182,15 @@ def take_step(
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
     path = expand_rotation(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
-    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step) * control.longest
+    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step) * case.control.longest
     step = jnp.minimum(jnp.minimum(time_left, longest), lanes.step_limit)
     step = materialize(
-        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, control.tolerance)), 0)
+        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, case.log_tolerance)), 0)
     )
     # After the choice of the step, so that it is the same with and without these factors.
-    last_two = zip(path[-2:], control.last_terms, strict=True)
+    last_two = zip(path[-2:], case.control.last_terms, strict=True)
     path = (*path[:-2], *(part * factor for part, factor in last_two))
-    flight = StepFlight.of(path, step, lanes.moves, lanes.peak, control.tolerance)
+    flight = StepFlight.of(path, step, lanes.moves, lanes.peak, case.control.tolerance)
     arriving = jnp.abs(flight.velocity)
     leaving = velocity_after_impact(case.restitution, arriving, case.equation.velocity_unit)
     settles, bounce = _settle(case, push, lift, flight, step, leaving, lanes.peak)
