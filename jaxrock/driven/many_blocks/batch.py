@@ -102,8 +102,7 @@ class Batch(eqx.Module):
             velocity = 0.0 if velocity is None else velocity
         if rtol is None:
             rtol = 1e-9 if dtype == np.float64 else 1e-5
-        one = np.ones((), dtype)
-        tolerance = one * choose_step_tolerance(rtol, dtype)
+        control = choose_step_tolerance(rtol, dtype), 0
         return cls(
             block=convert(block),
             restitution=convert(restitution),
@@ -111,7 +110,7 @@ class Batch(eqx.Module):
             until=ground.end if duration is None else convert(duration),
             rotation=convert(rotation),
             velocity=convert(velocity),
-            control=StepControl(np.asarray(tolerance), one, (one, one)),
+            control=StepControl(*(np.asarray(number, dtype) for number in control)),
         )
 
     @property

@@ -23,13 +23,11 @@ class StepControl(NamedTuple):
     """The length of each step of a block, and the terms of its polynomial that count.
 
     A step ends at the next sample of a record, however loose the tolerance. So a tolerance
-    alone does not make two motions whose steps differ; leaving out terms does.
+    alone does not make two motions whose steps differ; companions, which omit terms, do.
     """
 
     tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
-    longest: HostNumbers  # factor on the longest step, 1 unless changed
-    # Factors on the last two terms, once the step is chosen; 1 unless changed.
-    last_terms: tuple[HostNumbers, HostNumbers]
+    companion: HostNumbers  # 1 or 2 for a companion of `to_tolerance`, 0 for a response
 
 
 class BatchArguments(NamedTuple):
@@ -62,7 +60,6 @@ class Case(eqx.Module):
     duration: PerBlock
     excitation: Excitation
     control: StepControl
-    log_tolerance: PerBlock  # to base 2, once for all steps
 
 
 class PreparedBlocks(NamedTuple):
@@ -135,7 +132,6 @@ def prepare_blocks(
         velocity = jnp.where(valid, velocity, 0)
         initial = InitialState.of(equation, rotation, velocity, start)
 
-    control = jax.lax.stop_gradient(arguments.control)
     ground_sine, ground_cosine = tilt_sine_cosine(equation, angle)
     case = Case(
         # Without numbers that no step needs: what a loop carries costs time.
@@ -148,7 +144,6 @@ def prepare_blocks(
         start=start,
         duration=duration,
         excitation=excitation,
-        control=control,
-        log_tolerance=jnp.log2(control.tolerance).astype(jnp.float32),
+        control=jax.lax.stop_gradient(arguments.control),
     )
     return PreparedBlocks(case, initial, unit, valid)

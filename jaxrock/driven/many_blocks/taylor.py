@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
-from ...validation import Reals
+from ...validation import Number, Reals
 from ..equation import Equation
 from .single_kernels import materialize
 
@@ -126,7 +126,7 @@ def binary_power(y: Reals, dtype: DTypeLike) -> Reals:
     return jax.lax.bitcast_convert_type(bits, dtype)
 
 
-def choose_step(c: tuple[Reals, ...], log_tolerance: Reals) -> Reals:
+def choose_step(c: tuple[Reals, ...], tolerance: Number) -> Reals:
     """Choose the longest step in which the last two terms are small beside the first ones.
 
     The rule of Jorba and Zou (2005, doi:10.1080/10586458.2005.10128904), but relative to the
@@ -135,11 +135,11 @@ def choose_step(c: tuple[Reals, ...], log_tolerance: Reals) -> Reals:
     """
     order = len(c) - 1
     log = [binary_logarithm(part) for part in jax.lax.stop_gradient(c)]
+    allowed = jnp.log2(jnp.asarray(tolerance, jnp.float32))
 
     def find_length(last: int) -> Reals:
         terms = (
-            (log[k] - log[last] + log_tolerance) * (1 / (last - k))
-            for k in range(min(4, last - 1))
+            (log[k] - log[last] + allowed) * (1 / (last - k)) for k in range(min(4, last - 1))
         )
         return jax.tree.reduce(jnp.maximum, list(terms))
 

@@ -57,13 +57,8 @@ _ROUNDING = {64: 256, 32: 8}
 # (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 10 under
 # records, (r / h)^2 is at least 7; for the other orders it is at least 4.
 _ERROR_RATIO = 4
-# Steps of the response and its companions, with a factor on the tolerance. The first companion
-# omits both of the last terms, the second one doubles the first of them: where the errors of
-# both terms cancel in one companion, they add up in the other. The second one also takes shorter
-# steps where no sample ends them. That reveals a step whose last terms are small by chance.
-_AS_USUAL = StepControl(1.0, 1.0, (1.0, 1.0))
-_FIRST_CHANGE = StepControl(1.0, 1.0, (0.0, 0.0))
-_SECOND_CHANGE = StepControl(0.25, 0.75, (2.0, 0.0))
+# Factor on the tolerance of a step of the second companion.
+_TIGHTER = 0.25
 # Two trajectories stay together if their sums over impacts differ by less than this, in units of
 # the contribution of the highest rotation. Sums of diverged trajectories differ by a hundred
 # times as much, unless all motion after the divergence is small.
@@ -217,17 +212,35 @@ def _estimate(
 ) -> _Estimate:
     """Simulate a batch at the tighter of two levels, and estimate its error by companions.
 
-    The second companion is simulated `at_once` for all blocks, or later for those that need it.
+    The second companion is simulated `at_once` for all blocks, or later where it is needed.
     """
     looser, rtol = levels
-    precision = np.finfo(batch.dtype)
-    slip = 1 + _ROUNDING[precision.bits] * float(precision.eps)
-    simulations = [
-        _Simulation(rtol, _AS_USUAL),
-        _Simulation(looser, _FIRST_CHANGE, factor=slip),
-        _Simulation(rtol, _SECOND_CHANGE, factor=1 / slip, slip=slip),
-    ]
-    best, companion, *second = _simulate(batch, model, simulations[: 2 + at_once])
+    dtype = batch.dtype
+    slip = 1 + _ROUNDING[np.finfo(dtype).bits] * float(np.finfo(dtype).eps)
+    # Of the response and both companions: tolerance of a step, factor on the input, and divisor
+    # of the restitution.
+    step_tolerances = (
+        choose_step_tolerance(rtol, dtype),
+        choose_step_tolerance(looser, dtype),
+        choose_step_tolerance(rtol, dtype, _TIGHTER),
+    )
+    table = np.asarray([step_tolerances, (1, slip, 1 / slip), (1, 1, slip)], dtype)
+
+    def simulate(part: Batch, *companions: int) -> list[SimulatedBatch]:
+        """Simulate the response (0) or its companions (1, 2), all in one batch."""
+        index = np.reshape(companions, (-1, *[1] * len(part.shape)))
+        step_tolerance, factor, divisor = table[:, index]
+        repeated = replace(
+            part.scaled(factor),
+            # C = 0 changes as well: to a motion with bounces.
+            restitution=np.maximum(part.restitution / divisor, divisor - 1),
+            control=StepControl(step_tolerance, index.astype(dtype)),
+        )
+        simulated = simulate_batch(repeated, model)
+        flat = jax.tree.map(lambda leaf: leaf.reshape(len(companions), -1), simulated)
+        return [_select(flat, k) for k in range(len(companions))]
+
+    best, companion, *others = simulate(batch, 0, 1, 2) if at_once else simulate(batch, 0, 1)
     divergence = _compare_sums(companion, best)
     first_bound = np.maximum(_bound_error(companion, best), _LEAST * rtol)
     error = np.maximum(first_bound, slip - 1)
@@ -243,49 +256,15 @@ def _estimate(
     (places,) = np.nonzero((error > tolerance) | amplified)
     if places.size:
         if at_once:
-            companion = _select(second[0], places)
+            companion = _select(others[0], places)
         else:
-            (companion,) = _simulate(batch.select(places), model, simulations[2:])
+            (companion,) = simulate(batch.select(places), 2)
         least = max(_LEAST * rtol, slip - 1)
         second_bound = np.maximum(_bound_error(companion, _select(best, places)), least)
         error[places] = np.maximum(second_bound, first_bound[places] / _ERROR_RATIO)
     # A response at the looser tolerance is more accurate than the first companion, too.
-    cheapest = np.where(error <= tolerance, looser, rtol).astype(batch.dtype)
+    cheapest = np.where(error <= tolerance, looser, rtol).astype(dtype)
     return _Estimate(best.response, np.full_like(error, rtol), error, cheapest)
-
-
-class _Simulation(NamedTuple):
-    """How a motion is simulated: as it is, or perturbed for a companion."""
-
-    rtol: float
-    change: StepControl  # with a factor on the tolerance
-    factor: float = 1.0  # on the input
-    slip: float = 1.0  # by which the restitution is divided
-
-
-def _simulate(
-    batch: Batch, model: RockingModel, simulations: Sequence[_Simulation]
-) -> list[SimulatedBatch]:
-    """Simulate a batch in several ways, all in one batch so that no lane waits for the others."""
-    shape = (len(simulations), *[1] * len(batch.shape))
-
-    def make_axis(*values: float) -> np.ndarray:
-        return np.asarray(values, batch.dtype).reshape(shape)
-
-    controls = [
-        change._replace(tolerance=choose_step_tolerance(rtol, batch.dtype, change.tolerance))
-        for rtol, change, *_ in simulations
-    ]
-    slip = make_axis(*(simulation.slip for simulation in simulations))
-    repeated = replace(
-        batch.scaled(make_axis(*(simulation.factor for simulation in simulations))),
-        # C = 0 changes as well: to a motion with bounces.
-        restitution=np.maximum(batch.restitution / slip, slip - 1),
-        control=jax.tree.map(make_axis, *controls),
-    )
-    simulated = simulate_batch(repeated, model)
-    flat = jax.tree.map(lambda leaf: leaf.reshape(len(simulations), -1), simulated)
-    return [_select(flat, k) for k in range(len(simulations))]
 
 
 def _select(simulated: SimulatedBatch, index: np.ndarray | int) -> SimulatedBatch:
