@@ -5,6 +5,7 @@ record with more samples on its lines is the same ground motion, and ends steps 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -14,7 +15,9 @@ from references import stepping
 from tools.selection import some_by_default
 
 import jaxrock as jr
+from jaxrock.driven import Batch
 from jaxrock.driven.many_blocks import to_tolerance
+from jaxrock.driven.many_blocks.prepared_blocks import StepControl
 from jaxrock.driven.many_blocks.respond_many import simulate_batch
 
 pytestmark = pytest.mark.float64
@@ -156,6 +159,20 @@ def assert_certificates(kind, seed, size, few):
 @pytest.mark.parametrize("kind", some_by_default(KINDS, {"pulses"}))
 def test_what_is_certified_is_true(kind):
     assert_certificates(kind, 1, 150 if kind in ("windows", "sines") else 1000, 0)
+
+
+def test_companions_are_less_accurate_in_the_same_steps():
+    """Under a record all three end their steps at the samples, at one tolerance."""
+    blocks = jr.Block(np.linspace(0.5, 0.9, 50), 4.0)
+    record = jr.Record(4 * np.sin(2 * np.pi * 0.05 * np.arange(21)), 0.05)
+    batch = Batch.of(blocks, np.asarray(0.7), record, rtol=1e-5)
+    control = StepControl(batch.control.tolerance, np.array([[0.0], [1.0], [2.0]]))
+    response, *_ = simulate_batch(replace(batch, control=control), jr.Nonlinear())
+    truth = np.asarray(jr.respond_batch(blocks, 0.7, record, rtol=1e-13).peak_rotation)
+    error = np.abs(response.peak_rotation / truth - 1)
+    assert (error[0] < 1e-11).all()
+    assert (error[1:] > 7 * error[0]).all()
+    assert (error[1:] < 1e-8).all()
 
 
 def test_companions_of_blocks_that_impacts_stop(monkeypatch):

@@ -44,6 +44,7 @@ class Batch(eqx.Module):
         At time 0 [rad], [rad/s]. Both are None for blocks at rest, which take a program without
         them.
     control : StepControl
+        Of the response, or of its companions in `to_tolerance`.
     """
 
     block: Block
@@ -163,19 +164,8 @@ class Batch(eqx.Module):
             # Not by `reshape`, which would copy all blocks to take a few.
             return np.broadcast_to(leaf, shape).flat[index]
 
-        ground = self.ground.map_numbers(take)
-        block, restitution, *values = jax.tree.map(
-            take,
-            (
-                self.block,
-                self.restitution,
-                self.until,
-                self.rotation,
-                self.velocity,
-                self.control,
-            ),
-        )
-        return Batch(block, restitution, ground, *values)
+        numbers = {name: value for name, value in vars(self).items() if name != "ground"}
+        return Batch(ground=self.ground.map_numbers(take), **jax.tree.map(take, numbers))
 
     def scaled(self, factor: Number) -> "Batch":
         """Multiply the motions by a factor."""
