@@ -66,7 +66,7 @@ CODE_LINES = {
     "resonance": 1829,
     "ground_motion": 1123,
     "ground_motion/files": 928,
-    "driven": 3340,
+    "driven": 3244,
     "steady": 876,
     "overturning": 529,
     "sensitivity": 1175,

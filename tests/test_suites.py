@@ -15,7 +15,6 @@ import pytest
 import xarray as xr
 
 import jaxrock as jr
-from jaxrock.driven.many_blocks import ground_motions
 from jaxrock.ground_motion import intensity_measure
 
 G = 9.80665
@@ -133,31 +132,6 @@ def test_responses_are_those_of_the_records(eps):
     found = jr.respond_within(BLOCKS, 0.8, SHORT, 1e-2, duration=2.0)
     for k, record in enumerate(SHORT):
         assert_row(found, k, jr.respond_within(BLOCKS, 0.8, record, 1e-2, duration=2.0))
-
-
-@pytest.mark.thorough
-def test_groups_of_records_change_no_bit(monkeypatch):
-    """A suite that is too large for memory is followed in groups."""
-    strong = SUITE.scaled(np.array([0.8, 1.5, 3.0]))
-    factors = np.linspace(0.2, 2.0, 7)
-    whole = jr.respond_batch(BLOCKS, 0.8, strong)
-    found = jr.overturning_boundaries(BLOCKS, 0.8, strong, "factor", factors)
-    asked = []
-
-    def lay_out(*arguments, lay_out=ground_motions._lay_out):
-        parts, begins = lay_out(*arguments)
-        asked.append(begins)
-        return parts, begins
-
-    monkeypatch.setattr(ground_motions, "_lay_out", lay_out)
-    monkeypatch.setattr(ground_motions, "_GROUP_ROOM", 1)
-    for ours, theirs in (
-        (jr.respond_batch(BLOCKS, 0.8, strong), whole),
-        (jr.overturning_boundaries(BLOCKS, 0.8, strong, "factor", factors), found),
-    ):
-        for each, other in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
-            np.testing.assert_array_equal(each, other)
-    assert asked == [(0, 1, 2)] * 2
 
 
 @pytest.mark.thorough

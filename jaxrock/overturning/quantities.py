@@ -125,9 +125,9 @@ def check_subject(
 
 def split_parameters(subject: Subject) -> tuple[Subject, Subject]:
     """Split a subject into the parameters of each block, and the samples common to all."""
-    # The samples are the `parts` of `GroundMotions`.
+    # The samples are the `input` of `GroundMotions`.
     is_parameter = jax.tree.map_with_path(
-        lambda path, _: all(getattr(step, "name", "") != "parts" for step in path), subject
+        lambda path, _: all(getattr(step, "name", "") != "input" for step in path), subject
     )
     return eqx.partition(subject, is_parameter)
 

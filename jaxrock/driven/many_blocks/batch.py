@@ -14,7 +14,19 @@ from ...ground_motion import Motion, Suite
 from ...validation import Number, choose_namespace, is_traced
 from .ground_input import HostNumbers, HostReals
 from .ground_motions import GroundMotions, RecordVariants, convert_motion
-from .prepared_blocks import BatchArguments
+from .prepared_blocks import BatchArguments, StepControl
+
+# The part of the tolerance that a step may use up: errors of steps add up, and impacts amplify
+# them. Less below 1e-10, where rounding uses up a part.
+_FRACTION = 0.05
+_FRACTION_OF_TIGHT = 0.02
+_TIGHT = 1e-10
+
+
+def choose_step_tolerance(rtol: float, dtype: np.dtype, factor: float = 1.0) -> float:
+    """Choose the tolerance of a step, or a factor times it, within what rounding allows."""
+    fraction = _FRACTION if rtol >= _TIGHT else _FRACTION_OF_TIGHT
+    return max(fraction * factor * rtol, float(jnp.finfo(dtype).eps))
 
 
 class Batch(eqx.Module):
@@ -31,6 +43,8 @@ class Batch(eqx.Module):
     rotation, velocity : Array or None
         At time 0 [rad], [rad/s]. Both are None for blocks at rest, which take a program without
         them.
+    control : StepControl
+        Of the response, or of its companions in `to_tolerance`.
     """
 
     block: Block
@@ -39,6 +53,7 @@ class Batch(eqx.Module):
     until: HostNumbers
     rotation: HostNumbers | None
     velocity: HostNumbers | None
+    control: StepControl
 
     @classmethod
     def of(
@@ -51,11 +66,12 @@ class Batch(eqx.Module):
         *,
         rotation: Number | None = None,
         velocity: Number | None = None,
+        rtol: float | None = None,
     ) -> "Batch":
         """Make the batch, to be simulated to the end of the motion or for a duration.
 
         At rest at time 0, unless rotation or velocity are given. The answers have as many `axes`
-        at least, behind the axis of the records of a suite.
+        at least, behind the axis of the records of a suite. `rtol` is that of `respond_batch`.
         """
         numbers = block, restitution, duration, rotation, velocity
         leaves = jax.tree.leaves((numbers, motion))
@@ -70,21 +86,24 @@ class Batch(eqx.Module):
             return jax.tree.map(lambda leaf: namespace.asarray(leaf, dtype), tree)
 
         if isinstance(motion, GroundMotions):
-            ground = motion.replace_numbers(convert(motion.numbers))
+            ground = motion.map_numbers(convert)
         else:
             axes = max(axes, *(np.ndim(leaf) for leaf in jax.tree.leaves(numbers)))
             if isinstance(motion, Suite):
                 axes = max(axes, np.ndim(motion.records[0].scale))
             if isinstance(motion, RecordVariants):
                 axes = max(axes, np.ndim(motion.which))
-            ground = convert_motion(convert(motion), axes, grouped=namespace is np)
+            ground = convert_motion(convert(motion), axes)
             if namespace is jnp:
                 # Only `advance` may lead to a start before time 0; NaN is not valid.
                 start = jnp.where(ground.start >= 0, ground.start, jnp.nan)
-                ground = ground.replace_numbers(ground.numbers._replace(start=start))
+                ground = replace(ground, start=start)
         if rotation is not None or velocity is not None:
             rotation = 0.0 if rotation is None else rotation
             velocity = 0.0 if velocity is None else velocity
+        if rtol is None:
+            rtol = 1e-9 if dtype == np.float64 else 1e-5
+        control = choose_step_tolerance(rtol, dtype), 0
         return cls(
             block=convert(block),
             restitution=convert(restitution),
@@ -92,6 +111,7 @@ class Batch(eqx.Module):
             until=ground.end if duration is None else convert(duration),
             rotation=convert(rotation),
             velocity=convert(velocity),
+            control=StepControl(*(np.asarray(number, dtype) for number in control)),
         )
 
     @property
@@ -112,17 +132,17 @@ class Batch(eqx.Module):
     @property
     def arguments(self) -> BatchArguments:
         """The numbers that differ from block to block."""
-        motion = self.ground.numbers
         return BatchArguments(
+            control=self.control,
             block=self.block,
             restitution=self.restitution,
-            factor=motion.factor,
-            length=motion.length,
-            start=motion.start,
+            factor=self.ground.factor,
+            length=self.ground.length,
+            start=self.ground.start,
             duration=self.until,
             rotation=self.rotation,
             velocity=self.velocity,
-            motion=motion.motion,
+            motion=self.ground.motion,
         )
 
     def flatten(self) -> tuple[HostReals, Hashable]:
@@ -144,15 +164,13 @@ class Batch(eqx.Module):
             # Not by `reshape`, which would copy all blocks to take a few.
             return np.broadcast_to(leaf, shape).flat[index]
 
-        numbers = jax.tree.map(take, self.ground.numbers)
-        ground = self.ground.replace_numbers(numbers)
-        block_values = (self.block, self.restitution, self.until, self.rotation, self.velocity)
-        block, restitution, until, rotation, velocity = jax.tree.map(take, block_values)
-        return Batch(block, restitution, ground, until, rotation, velocity)
+        numbers = {name: value for name, value in vars(self).items() if name != "ground"}
+        return Batch(ground=self.ground.map_numbers(take), **jax.tree.map(take, numbers))
 
     def scaled(self, factor: Number) -> "Batch":
         """Multiply the motions by a factor."""
-        return replace(self, ground=self.ground.scaled(factor))
+        ground = replace(self.ground, factor=self.ground.factor * factor)
+        return replace(self, ground=ground)
 
     def advance(self, time: HostNumbers) -> "Batch":
         """Start the motions a time earlier [s], so that they are under way at time 0.
@@ -162,5 +180,5 @@ class Batch(eqx.Module):
         """
         time = choose_namespace([time]).asarray(time, self.dtype)
         ground = self.ground
-        numbers = ground.numbers._replace(start=ground.start - time, end=ground.end - time)
-        return replace(self, ground=ground.replace_numbers(numbers), until=self.until - time)
+        earlier = replace(ground, start=ground.start - time, end=ground.end - time)
+        return replace(self, ground=earlier, until=self.until - time)

@@ -5,9 +5,8 @@ that one program follows blocks under most suites.
 """
 
 import functools
-import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -16,27 +15,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...ground_motion import Harmonic, Motion, Pulse, Record, Sine, Suite
-from ...validation import Number, choose_namespace, is_traced
-from .ground_input import GroundInput, HostNumbers, HostReals
-from .pulse_inputs import PulseInput, make_pulse_input
+from ...validation import choose_namespace, is_traced
+from .ground_input import GroundInput, HostNumbers
+from .pulse_inputs import make_pulse_input
 from .record_input import GRADES, STRIDE, RecordInput
 
-# Samples that there is room for, in steps of a factor of 4: the fewer lengths, the fewer
-# programs, and a sample that is not used costs a few bytes. A group of records has so much
-# room at most, unless it is one long record.
+# Samples and records that there is room for, at least and in steps of a factor of 4: the fewer
+# sizes, the fewer programs, and a sample that is not used costs a few bytes. In steps of 2 from
+# a million samples on, for the sake of memory.
 _LEAST_ROOM = 2**14
-_GROUP_ROOM = 2**20
-_RECORDS = 64  # that there is room for, at least
-
-
-class MotionNumbers(NamedTuple):
-    """The numbers of each block's motion; they broadcast with the block's own numbers."""
-
-    factor: HostNumbers  # on the input: amplitude or scale
-    length: HostNumbers  # of an interval [s]
-    start: HostNumbers  # of the motion [s]
-    end: HostNumbers
-    motion: HostNumbers  # index among the records of all parts
+_LARGE_ROOM = 2**20
+_LEAST_RECORDS = 64
 
 
 class RecordVariants(NamedTuple):
@@ -59,199 +48,124 @@ class GroundMotions(eqx.Module):
 
     Attributes
     ----------
-    parts : tuple of GroundInput
-        Inputs for a factor of 1. There is one, unless records are so many that they are
-        followed in groups, for the sake of memory.
+    input : GroundInput
+        The motions for a factor of 1, which the blocks share.
     factor, length, start, end, motion : Array
-        See `MotionNumbers`.
-    begins : tuple of int
-        The first record of each part.
+        The numbers of each block's motion, which broadcast with the block's own numbers: the
+        factor on the input (amplitude or scale), the length of an interval [s], start and end
+        [s], and the index of the motion, where there are several.
     """
 
-    parts: tuple[GroundInput, ...]
+    input: GroundInput
     factor: HostNumbers
     length: HostNumbers
     start: HostNumbers
     end: HostNumbers
     motion: HostNumbers
-    begins: tuple[int, ...] = eqx.field(static=True, default=(0,))
 
-    @property
-    def numbers(self) -> MotionNumbers:
-        """The numbers that differ from block to block."""
-        return MotionNumbers(self.factor, self.length, self.start, self.end, self.motion)
-
-    def replace_numbers(self, numbers: MotionNumbers) -> "GroundMotions":
-        """Return the same inputs for other blocks."""
-        return GroundMotions(self.parts, *numbers, begins=self.begins)
-
-    def scaled(self, factor: Number) -> "GroundMotions":
-        """Return stronger or weaker motions."""
-        return eqx.tree_at(lambda ground: ground.factor, self, self.factor * factor)
+    def map_numbers(self, function: Callable[[HostNumbers], HostNumbers]) -> "GroundMotions":
+        """Apply a function to all numbers that differ from block to block."""
+        numbers = self.factor, self.length, self.start, self.end, self.motion
+        return GroundMotions(self.input, *map(function, numbers))
 
 
-def convert_motion(
-    motion: Motion | Suite | RecordVariants, axes: int = 0, grouped: bool = False
-) -> GroundMotions:
+def convert_motion(motion: Motion | Suite | RecordVariants, axes: int = 0) -> GroundMotions:
     """Convert a motion or a suite, whose arrays are of one type, to what the batch takes.
 
     The records of a suite make the leading axis of the numbers, followed by `axes` others.
-    Outside of a transformation they may be `grouped`.
     """
-    if isinstance(motion, Pulse):
-        length = motion.duration * motion.extremes[-1]
-        ground = make_pulse_input(type(motion), motion.amplitude.dtype)
-        return _convert_pulses(ground, motion, length, motion.start + length)
-    if isinstance(motion, Harmonic):
-        length = 2 * math.pi / motion.frequency
-        end = motion.start + motion._period_count * length
-        ground = make_pulse_input(Sine, motion.amplitude.dtype, motion._period_count)
-        return _convert_pulses(ground, motion, length, end)
-    if isinstance(motion, Suite):
-        return _convert_suite(motion.records, axes, grouped)
+    if isinstance(motion, Pulse | Harmonic):
+        dtype = motion.amplitude.dtype
+        if isinstance(motion, Pulse):
+            ground = make_pulse_input(type(motion), dtype)
+            length = motion.duration * motion.extremes[-1]
+            periods = 1
+        else:
+            periods = motion._period_count
+            ground = make_pulse_input(Sine, dtype, periods)
+            length = 2 * math.pi / motion.frequency
+        end = motion.start + periods * length
+        only = np.zeros((), dtype)
+        return GroundMotions(ground, motion.amplitude, length, motion.start, end, only)
+    if isinstance(motion, Record):
+        samples = [part for part in (motion.acceleration, motion.vertical) if part is not None]
+        *shape, _ = np.broadcast_shapes(*(part.shape for part in samples))
+        indices = np.arange(math.prod(shape), dtype=samples[0].dtype).reshape(shape)
+        return GroundMotions(
+            _make_record_input([motion]),
+            motion.scale,
+            motion.time_step,
+            motion.start,
+            _find_end(motion),
+            indices,
+        )
+
+    assert isinstance(motion, Suite | RecordVariants)
+    records = motion.records
+
+    def make_column(values: Sequence[HostNumbers] | np.ndarray) -> HostNumbers:
+        column = choose_namespace(values).stack(values)
+        own_axes = column.shape[1:]
+        return column.reshape(len(records), *[1] * (axes - len(own_axes)), *own_axes)
+
+    indices = make_column(np.arange(len(records), dtype=records[0].acceleration.dtype))
     if isinstance(motion, RecordVariants):
-        ground = _convert_suite(motion.records, axes, grouped)
-        numbers = ground.numbers
-        variants = motion.records[0].acceleration.shape[0]
-        numbers = numbers._replace(motion=numbers.motion * variants + motion.which)
-        return ground.replace_numbers(numbers)
-    assert isinstance(motion, Record)
-    return _convert_record(motion, grouped)
-
-
-def _convert_pulses(
-    ground: PulseInput, motion: Pulse | Harmonic, length: HostNumbers, end: HostNumbers
-) -> GroundMotions:
-    only = np.zeros((), ground.extent.dtype)
-    return GroundMotions((ground,), motion.amplitude, length, motion.start, end, only)
-
-
-def _convert_record(record: Record, grouped: bool) -> GroundMotions:
-    """Convert a record, or an array of records of one length."""
-    samples = [record.acceleration]
-    if record.vertical is not None:
-        samples.append(record.vertical)
-    namespace = choose_namespace(samples)
-    samples = namespace.broadcast_arrays(*samples)
-    shape = samples[0].shape[:-1]
-    number = math.prod(shape)
-    end = record.start + record._last_index * record.time_step
-    if not shape and namespace is np:
-        # A padded record ends before its last sample.
-        samples = [part[: int(record._last_index) + 1] for part in samples]
-    counts = [samples[0].shape[-1]] * number
-    parts, begins = _lay_out([part.reshape(-1) for part in samples], counts, grouped)
-    motions = np.arange(number, dtype=samples[0].dtype).reshape(shape)
+        indices = indices * records[0].acceleration.shape[0] + motion.which
     return GroundMotions(
-        parts, record.scale, record.time_step, record.start, end, motions, begins
-    )
-
-
-def _convert_suite(records: Sequence[Record], axes: int, grouped: bool) -> GroundMotions:
-    """Convert the records of a suite, whose numbers get a leading axis of records."""
-    has_vertical = any(record.vertical is not None for record in records)
-    names = ["acceleration", "vertical"] if has_vertical else ["acceleration"]
-
-    def join_samples(name: str) -> HostReals:
-        samples = [getattr(record, name) for record in records]
-        namespace = choose_namespace(samples)
-        zeros = [namespace.zeros_like(record.acceleration) for record in records]
-        pairs = zip(samples, zeros, strict=True)
-        # Variants of a record, which have an axis, lie one after the other.
-        parts = [
-            zero if part is None else namespace.broadcast_to(part, zero.shape)
-            for part, zero in pairs
-        ]
-        return namespace.concatenate([part.reshape(-1) for part in parts])
-
-    def make_column(values: Sequence[HostNumbers]) -> HostNumbers:
-        value_shape = values[0].shape
-        namespace = choose_namespace(values)
-        shape = (len(records), *[1] * (axes - len(value_shape)), *value_shape)
-        return namespace.stack([namespace.asarray(value) for value in values]).reshape(shape)
-
-    counts = [
-        record.samples
-        for record in records
-        for _ in range(math.prod(record.acceleration.shape[:-1]))
-    ]
-    parts, begins = _lay_out([join_samples(name) for name in names], counts, grouped)
-    ends = [record.start + record._last_index * record.time_step for record in records]
-    dtype = records[0].acceleration.dtype
-    return GroundMotions(
-        parts,
+        _make_record_input(records),
         make_column([record.scale for record in records]),
         make_column([record.time_step for record in records]),
         make_column([record.start for record in records]),
-        make_column(ends),
-        make_column([np.asarray(k, dtype) for k in range(len(records))]),
-        begins,
+        make_column([_find_end(record) for record in records]),
+        indices,
     )
 
 
-def _lay_out(
-    samples: Sequence[HostReals], counts: Sequence[int], grouped: bool
-) -> tuple[tuple[RecordInput, ...], tuple[int, ...]]:
-    """Lay records out in groups, as memory allows; return the first record of each as well.
+def _find_end(record: Record) -> HostNumbers:
+    return record.start + record._last_index * record.time_step
 
-    `samples` has an array for each component, all records one after the other; `counts` says
-    how many each record has.
-    """
-    edges = np.concatenate([[0], np.cumsum(counts)])
-    begins = [0]
-    traced = is_traced(samples)
-    for k in range(1, len(counts)):
-        if grouped and edges[k + 1] - edges[begins[-1]] > _GROUP_ROOM:
-            begins.append(k)
-    limits = list(itertools.pairwise([*begins, len(counts)]))
-    most = int(max(edges[end] - edges[begin] for begin, end in limits))
+
+def _make_record_input(records: Sequence[Record]) -> RecordInput:
+    """Lay records, or arrays of records of one length, one after the other."""
+    namespace = choose_namespace(
+        [(record.acceleration, record.vertical) for record in records]
+    )
+    has_vertical = any(record.vertical is not None for record in records)
+    flat_samples = []
+    counts = []
+    for record in records:
+        samples = [record.acceleration]
+        if has_vertical:
+            vertical = record.vertical
+            samples.append(namespace.zeros_like(samples[0]) if vertical is None else vertical)
+        last = record._last_index
+        # A padded record ends before its last sample.
+        count = record.samples if is_traced(last) else int(last) + 1
+        samples = namespace.broadcast_arrays(*(part[..., :count] for part in samples))
+        flat_samples.append([part.reshape(-1) for part in samples])
+        counts += [count] * math.prod(samples[0].shape[:-1])
+    components = [namespace.concatenate(parts) for parts in zip(*flat_samples, strict=True)]
+
     # Traced samples have a program of their own anyway.
-    room = most if traced else _choose_room(most)
+    size = components[0].size
+    room = size if namespace is jnp else _LEAST_ROOM
+    while room < size:
+        room *= 4 if room < _LARGE_ROOM else 2
     # Places in the table of strides are 32-bit integers.
     if room * GRADES >= 2**31:
-        raise ValueError(
-            f"motion has {most} samples, more than {2**31 // GRADES} in one batch"
-        )
-    number = max(end - begin for begin, end in limits)
-    places = _RECORDS
-    while places < number:
+        raise ValueError(f"motion has {size} samples, more than 2^26 in one batch")
+    samples = [namespace.pad(component, (0, room - size)) for component in components]
+    places = _LEAST_RECORDS
+    while places < len(counts):
         places *= 4
-    parts = []
-    for begin, end in limits:
-        part = [component[edges[begin] : edges[end]] for component in samples]
-        if not traced:
-            part = [
-                np.pad(np.asarray(component), (0, room - component.size)) for component in part
-            ]
-        # Where there is no record, one without an interval at the very end.
-        first = np.full(places, room - 1, np.int32)
-        first[: end - begin] = edges[begin:end] - edges[begin]
-        intervals = np.zeros(places, np.int32)
-        intervals[: end - begin] = np.asarray(counts[begin:end]) - 1
-        parts.append(_make_record_input(part, first, intervals))
-    return tuple(parts), tuple(begins)
-
-
-def _choose_room(samples: int) -> int:
-    """Return the padded length for a number of samples, one of few."""
-    room = _LEAST_ROOM
-    while room < min(samples, _GROUP_ROOM):
-        room *= 4
-    return (
-        max(room, -(-samples // _GROUP_ROOM) * _GROUP_ROOM) if samples > _GROUP_ROOM else room
-    )
-
-
-def _make_record_input(
-    samples: Sequence[HostReals], first: np.ndarray, intervals: np.ndarray
-) -> RecordInput:
-    """Make the input of components of one length, in which records begin at `first`."""
-    namespace = choose_namespace(samples)
-    room = samples[0].shape[0]
-    places = np.arange(room - 1, dtype=np.int32)
+    # Where there is no record, one without an interval at the very end.
+    first = np.full(places, room - 1, np.int32)
+    first[: len(counts)] = np.cumsum([0, *counts[:-1]])
+    intervals = np.zeros(places, np.int32)
+    intervals[: len(counts)] = np.asarray(counts) - 1
     # From the last sample of a record to the next record there is no interval.
-    record = np.searchsorted(first, places, side="right") - 1
-    exists = places < (first + intervals)[record]
+    exists = np.ones(room, bool)
+    exists[first + intervals] = False
 
     # A record is finite if the running number of wrong samples is the same at its last sample
     # as before its first one.
@@ -262,9 +176,9 @@ def _make_record_input(
     # The strength of an interval is the largest magnitude at its ends. Its grade says how much
     # weaker than the strongest one it is. The threshold of the last grade is 0, which every
     # interval exceeds in which the ground moves.
-    ends = [namespace.maximum(abs(part[1:]), abs(part[:-1])) for part in samples]
-    strength = functools.reduce(namespace.maximum, ends)
-    strength = namespace.where(finite[1:] & finite[:-1] & exists, strength, 0)
+    magnitude = functools.reduce(namespace.maximum, map(abs, samples))
+    strength = namespace.maximum(magnitude[1:], magnitude[:-1])
+    strength = namespace.where(finite[1:] & finite[:-1] & exists[:-1], strength, 0)
     strongest = strength.max()
     grades = np.append(2 ** (-0.5 * np.arange(GRADES - 1)), 0).astype(strength.dtype)
 

@@ -19,9 +19,21 @@ from .initial_state import InitialState
 from .taylor import tilt_sine_cosine
 
 
+class StepControl(NamedTuple):
+    """The length of each step of a block, and the terms of its polynomial that count.
+
+    A step ends at the next sample of a record, however loose the tolerance. So a tolerance
+    alone does not make two motions whose steps differ; companions, which omit terms, do.
+    """
+
+    tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
+    companion: HostNumbers  # 1 or 2 for a companion of `to_tolerance`, 0 for a response
+
+
 class BatchArguments(NamedTuple):
     """The numbers of each block of a batch; arrays of one type that broadcast."""
 
+    control: StepControl
     block: Block
     restitution: HostNumbers
     factor: HostNumbers  # on the motion: its amplitude or scale
@@ -47,6 +59,7 @@ class Case(eqx.Module):
     start: PerBlock  # of the motion
     duration: PerBlock
     excitation: Excitation
+    control: StepControl
 
 
 class PreparedBlocks(NamedTuple):
@@ -131,5 +144,6 @@ def prepare_blocks(
         start=start,
         duration=duration,
         excitation=excitation,
+        control=jax.lax.stop_gradient(arguments.control),
     )
     return PreparedBlocks(case, initial, unit, valid)

@@ -40,22 +40,17 @@ from ..scene import UP_TO_ITS_SIDE, check_initial_state
 from .batch import Batch
 from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
-from .ground_motions import GroundMotions
 from .prepared_blocks import BatchArguments, Case, prepare_blocks
 from .queue import work_off
 from .record_input import RecordInput
-from .step import Lanes, StepControl, take_step
+from .step import Lanes, take_step
 
 # On a processor, lanes fill its vectors several times over, and their states its nearest
 # cache.
 _LANES = 64
 # The queue has one size there, so that one program serves batches of all sizes.
 _ROOM = 2048
-# The part of the tolerance that a step may use up: errors of steps add up, and impacts amplify
-# them. Less below 1e-10, where rounding uses up a part.
-_SHARE = 0.05
-_SHARE_OF_TIGHT = 0.02
-_TIGHT = 1e-10
+_INITIAL = {"rotation": UP_TO_ITS_SIDE, "velocity": FINITE}
 
 
 class _Program(NamedTuple):
@@ -66,36 +61,18 @@ class _Program(NamedTuple):
     order: int  # of the Taylor polynomials
 
 
-class StepChange(NamedTuple):
-    """Factors that change steps, for a simulation that another one is compared with."""
+class SimulatedBatch(NamedTuple):
+    """Responses, and sums over impacts by which two motions of a block are compared.
 
-    tolerance: float = 1.0
-    longest: float = 1.0
-    last_terms: tuple[float, float] = (1.0, 1.0)
-
-
-_AS_USUAL = StepChange()
-_INITIAL = {"rotation": UP_TO_ITS_SIDE, "velocity": FINITE}
-
-
-class ImpactSum(NamedTuple):
-    """A sum over the impacts while the input acts, by which two motions of a block are compared.
-
-    It sums squared velocities before impacts (after impacts all are 0 if C = 0), with weights
-    that grow in time from 1 to 2. Trajectories that diverge have other impacts, or the same
-    ones at other times. Velocities are in the unit of the batch, which depends on the block
-    and the kind of input alone.
+    A sum is of squared velocities before impacts (after impacts all are 0 if C = 0) while the
+    input acts, with weights that grow in time from 1 to 2. Trajectories that diverge have other
+    impacts, or the same ones at other times. Velocities are in the unit of the batch, which
+    depends on the block and the kind of input alone.
     """
 
-    energy: Reals
-    unit: Reals  # square of the velocity before an impact that sends the block to its peak
-
-
-class SimulatedBatch(NamedTuple):
-    """Responses, and the sums by which they are compared with other simulations."""
-
     response: "BatchResponse"
-    impact_sum: ImpactSum
+    impact_sum: Reals
+    impact_unit: Reals  # square of the velocity before an impact that sends it to its peak
 
 
 class BatchResponse(Printed, eqx.Module):
@@ -152,7 +129,6 @@ def _follow_rows(
     ground: GroundInput,
     rows: Reals,
     count: Integers | int,
-    control: Reals,
     program: _Program,
     lanes: int,
 ) -> SimulatedBatch:
@@ -160,11 +136,8 @@ def _follow_rows(
     arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
     case, initial, unit, valid = prepare_blocks(ground, arguments, program.model)
 
-    tolerance, longest, *last_terms = control
-    step_control = StepControl(tolerance, longest, (last_terms[0], last_terms[1]))
-
     def step(lanes: Lanes, case: Case) -> Lanes:
-        return take_step(lanes, case, ground, step_control, program.order)
+        return take_step(lanes, case, ground, program.order)
 
     ends = work_off(ground, case, initial, count, lanes, step)
     # In as few bytes as a boolean: statuses of large batches are copied like all else.
@@ -201,8 +174,8 @@ def _follow_rows(
     # What an impact absorbs has no effect on the motion: the limits of `to_tolerance` are for
     # the velocity that it leaves, if it leaves any.
     arriving = leaving / jnp.maximum(case.restitution, 0.25)
-    impact_sum = ImpactSum(ends.impact_sum / case.duration, arriving * arriving)
-    return SimulatedBatch(response, jax.lax.stop_gradient(impact_sum))
+    sums = jax.lax.stop_gradient((ends.impact_sum / case.duration, arriving * arriving))
+    return SimulatedBatch(response, *sums)
 
 
 # Inside of transformations, where options of the compiler are not allowed. Without this, the
@@ -290,8 +263,8 @@ def respond_batch(
     restitution, duration = check_batch(blocks, restitution, motion, duration, **initial)
     if rtol is not None:
         check("rtol", as_real("rtol", rtol), POSITIVE)
-    batch = Batch.of(blocks, restitution, motion, duration, **initial)
-    response = follow_batch(batch, as_model(model), rtol)
+    batch = Batch.of(blocks, restitution, motion, duration, rtol=rtol, **initial)
+    response = follow_batch(batch, as_model(model))
     if batch.traced:
         return refuse_reverse_mode("respond_batch", response)
     return jax.device_put(response)
@@ -326,76 +299,36 @@ def check_batch(
 
 
 def follow_batch(
-    batch: Batch,
-    model: RockingModel,
-    rtol: float | None = None,
-    count: Integers | int | None = None,
+    batch: Batch, model: RockingModel, count: Integers | int | None = None
 ) -> BatchResponse:
     """Follow a batch, as `respond_batch` does once it has checked; in NumPy where concrete.
 
     In a transformation only the first `count` blocks need be simulated.
     """
-    return simulate_batch(batch, model, rtol, count).response
+    return simulate_batch(batch, model, count).response
 
 
 def simulate_batch(
-    batch: Batch,
-    model: RockingModel,
-    rtol: float | None = None,
-    count: Integers | int | None = None,
-    change: StepChange = _AS_USUAL,
+    batch: Batch, model: RockingModel, count: Integers | int | None = None
 ) -> SimulatedBatch:
-    """Simulate a batch and compute `ImpactSum`, with steps as usual or changed."""
-    dtype = batch.dtype
-    if rtol is None:
-        rtol = 1e-9 if dtype == np.float64 else 1e-5
-    share = _SHARE if rtol >= _TIGHT else _SHARE_OF_TIGHT
-    share *= change.tolerance
-    tolerance = max(share * rtol, float(jnp.finfo(dtype).eps))
-    # One array, since each argument of a program takes time.
-    control = np.asarray([tolerance, change.longest, *change.last_terms], dtype)
+    """Simulate a batch, and sum over impacts; see `follow_batch`."""
     rows, form = batch.flatten()
+    ground = batch.ground.input
     # The order follows from precision and kind of input alone: a program for each tolerance
     # would have to be compiled.
-    program = _Program(form, model, batch.ground.parts[0].orders[dtype.itemsize])
+    program = _Program(form, model, ground.orders[batch.dtype.itemsize])
     if batch.traced:
-        (part,) = batch.ground.parts
         # The samples of a record may be all that is traced.
-        part, rows, control = jax.tree.map(jnp.asarray, (part, rows, control))
+        ground, rows = jax.tree.map(jnp.asarray, (ground, rows))
         number = rows.shape[1] if count is None else count
-        result = _follow_rows_jitted(
-            part, rows, number, control, program=program, lanes=_LANES
-        )
+        result = _follow_rows_jitted(ground, rows, number, program=program, lanes=_LANES)
     else:
-        with count_work("motions", rows.shape[1]):
-            result = _follow_groups(batch.ground, rows, control, program)
+        result = _share_out(ground, rows, program)
     shape = batch.shape
     return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
 
 
-def _follow_groups(
-    ground: GroundMotions, rows: HostReals, control: np.ndarray, program: _Program
-) -> SimulatedBatch:
-    """Follow all columns, under one group of records after the other; NumPy arrays."""
-    if not ground.begins[1:]:
-        return _share_out(ground.parts[0], rows, control, program)
-    # The last row is the index of the motion, see `BatchArguments`.
-    group = np.searchsorted(ground.begins, rows[-1], side="right") - 1
-    separate = []
-    places = []
-    for k, part in enumerate(ground.parts):
-        (place,) = np.nonzero(group == k)
-        group_rows = rows[:, place]
-        group_rows[-1] -= ground.begins[k]
-        separate.append(_share_out(part, group_rows, control, program))
-        places.append(place)
-    order = np.argsort(np.concatenate(places))
-    return jax.tree.map(lambda *parts: np.concatenate(parts)[order], *separate)
-
-
-def _share_out(
-    ground: GroundInput, rows: HostReals, control: np.ndarray, program: _Program
-) -> SimulatedBatch:
+def _share_out(ground: GroundInput, rows: HostReals, program: _Program) -> SimulatedBatch:
     """Follow all columns, on all devices or processors; NumPy arrays."""
     default = jax.config.jax_default_device
     if default is None:
@@ -435,7 +368,7 @@ def _share_out(
         placed = (ground, queue)
         if len(devices) > 1 or not on_processor:
             placed = jax.device_put(placed, devices[k % len(devices)])
-        result = follow(*placed, count, control, program=program, lanes=lanes)
+        result = follow(*placed, count, program=program, lanes=lanes)
         answers = jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
         work.update(count)
         return answers

@@ -35,7 +35,6 @@ that rests is done.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -66,18 +65,9 @@ from .taylor import (
     materialize,
 )
 
-
-class StepControl(NamedTuple):
-    """The length of each step, and the terms of its polynomial that count.
-
-    A step ends at the next sample of a record, however loose the tolerance. So a tolerance
-    alone does not make two motions whose steps differ; leaving out terms does.
-    """
-
-    tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
-    longest: HostNumbers | float  # factor on the longest step, 1 unless changed
-    # Factors on the last two terms, once the step is chosen; 1 unless changed.
-    last_terms: tuple[HostNumbers | float, HostNumbers | float]
+# Factor on the longest step of a second companion. Where no sample ends its steps, it shows a
+# step whose last terms are small by chance.
+_SHORTER = 0.75
 
 
 class Lanes(eqx.Module):
@@ -94,7 +84,7 @@ class Lanes(eqx.Module):
     impacts: CountPerBlock
     steps: CountPerBlock  # in motion
     # Of the squared velocities before impacts while the input acts, weighted by time; see
-    # `ImpactSum`.
+    # `SimulatedBatch`.
     impact_sum: PerBlock
     end_rotation: PerBlock  # at the end of the input, or now if that is earlier
     end_velocity: PerBlock
@@ -160,7 +150,6 @@ def take_step(
     lanes: Lanes,
     case: Case,
     ground: GroundInput,
-    control: StepControl,
     order: int,
 ) -> Lanes:
     """Take each lane a step further; the table above says where it leads.
@@ -198,15 +187,18 @@ def take_step(
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
     path = expand_rotation(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
-    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step) * control.longest
-    step = jnp.minimum(jnp.minimum(time_left, longest), lanes.step_limit)
-    step = materialize(
-        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, control.tolerance)), 0)
+    tolerance, companion = case.control
+    longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step)
+    step = jnp.minimum(
+        jnp.where(companion == 2, _SHORTER * longest, longest),
+        jnp.minimum(time_left, lanes.step_limit),
     )
-    # After the choice of the step, so that it is the same with and without these factors.
-    last_two = zip(path[-2:], control.last_terms, strict=True)
-    path = (*path[:-2], *(part * factor for part, factor in last_two))
-    flight = StepFlight.of(path, step, lanes.moves, lanes.peak, control.tolerance)
+    step = materialize(
+        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, tolerance)), 0)
+    )
+    # After the choice of the step, so that it is the same for a response and its companions.
+    path = _change_last_terms(path, companion)
+    flight = StepFlight.of(path, step, lanes.moves, lanes.peak, tolerance)
     arriving = jnp.abs(flight.velocity)
     leaving = velocity_after_impact(case.restitution, arriving, case.equation.velocity_unit)
     settles, bounce = _settle(case, push, lift, flight, step, leaving, lanes.peak)
@@ -266,6 +258,18 @@ def take_step(
             end_impacts=jnp.where(before_end, impacts, lanes.end_impacts),
         )
     )
+
+
+def _change_last_terms(path: Coefficients, companion: HostNumbers) -> Coefficients:
+    """Omit the last term for companions, and the one before for the first of them.
+
+    The second one has it twice: where the errors of both terms cancel in one companion, they add
+    up in the other.
+    """
+    *terms, before_last, last = path
+    changed = jnp.where(companion == 2, 2 * before_last, 0)
+    before_last = jnp.where(companion == 0, before_last, changed)
+    return (*terms, before_last, jnp.where(companion == 0, last, 0))
 
 
 def _settle(

@@ -135,7 +135,7 @@ def choose_step(c: tuple[Reals, ...], tolerance: Number) -> Reals:
     """
     order = len(c) - 1
     log = [binary_logarithm(part) for part in jax.lax.stop_gradient(c)]
-    allowed = jnp.log2(tolerance).astype(jnp.float32)
+    allowed = jnp.log2(jnp.asarray(tolerance, jnp.float32))
 
     def find_length(last: int) -> Reals:
         terms = (

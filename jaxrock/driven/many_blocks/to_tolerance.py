@@ -17,9 +17,9 @@ Its input is also perturbed by some units in the last place, to show how impacts
     (where 1 fails)
 
 A companion confirms a response if outcome and peak agree, and if both trajectories stay together
-while the input acts: if their sums over impacts (`ImpactSum`) differ by little. Without the last
-condition chaotic responses would be confirmed: two diverged trajectories may both overturn by
-chance, or have the same peak if they diverged after it.
+while the input acts: if their sums over impacts (`SimulatedBatch`) differ by little. Without the
+last condition chaotic responses would be confirmed: two diverged trajectories may both overturn
+by chance, or have the same peak if they diverged after it. Response and companions are one batch.
 
 Two kinds of error remain unseen. A step whose last four terms are all small by chance may be
 wrong in the response and in both companions. And rounding may decide in all three, in the same
@@ -27,6 +27,7 @@ way, whether a block comes to rest.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -39,14 +40,9 @@ from ...ground_motion import Motion, Suite
 from ...host import Printed, count_work, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check, check_concrete
-from .batch import Batch
-from .respond_many import (
-    BatchResponse,
-    SimulatedBatch,
-    StepChange,
-    check_batch,
-    simulate_batch,
-)
+from .batch import Batch, choose_step_tolerance
+from .prepared_blocks import StepControl
+from .respond_many import BatchResponse, SimulatedBatch, check_batch, simulate_batch
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
@@ -61,12 +57,8 @@ _ROUNDING = {64: 256, 32: 8}
 # (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 10 under
 # records, (r / h)^2 is at least 7; for the other orders it is at least 4.
 _ERROR_RATIO = 4
-# Steps of the companions. The first one omits both terms, the second one doubles the first of
-# them: where the errors of both terms cancel in one companion, they add up in the other. The
-# second one also takes shorter steps where no sample ends them. That reveals a step whose last
-# terms are small by chance.
-_FIRST_CHANGE = StepChange(last_terms=(0.0, 0.0))
-_SECOND_CHANGE = StepChange(tolerance=0.25, longest=0.75, last_terms=(2.0, 0.0))
+# Factor on the tolerance of a step of the second companion.
+_TIGHTER = 0.25
 # Two trajectories stay together if their sums over impacts differ by less than this, in units of
 # the contribution of the highest rotation. Sums of diverged trajectories differ by a hundred
 # times as much, unless all motion after the divergence is small.
@@ -185,50 +177,70 @@ def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> Estima
     """Simulate a concrete batch, as `respond_within` does once it has checked."""
     levels = TOLERANCES[np.finfo(batch.dtype).bits]
     first = min(sum(level > tolerance for level in levels), len(levels) - 2)
-    # Round 1: all blocks.
-    estimate = _estimate(batch, model, levels[first], levels[first + 1], tolerance)
-    best = estimate.simulated.response
-    error = estimate.error
-    rtol = np.full(error.shape, levels[first + 1], batch.dtype)
-    cheapest = estimate.cheapest.astype(batch.dtype)
+    # Round 1: all blocks. Under records few of them need the second companion.
+    few = batch.ground.input.intervals_end_steps
+    estimate = _estimate(batch, model, levels[first : first + 2], tolerance, at_once=not few)
 
     # Round 2: the blocks for which round 1 fails.
-    (places,) = np.nonzero(error > tolerance)
+    (places,) = np.nonzero(estimate.error > tolerance)
     if places.size and first + 2 < len(levels):
-        part = batch.select(places)
-        estimate = _estimate(part, model, levels[-2], levels[-1], tolerance)
-        error[places] = estimate.error
-        rtol[places] = levels[-1]
-        cheapest[places] = estimate.cheapest
-        better = estimate.simulated.response
-        for leaf, new in zip(jax.tree.leaves(best), jax.tree.leaves(better), strict=True):
+        better = _estimate(batch.select(places), model, levels[-2:], tolerance, at_once=True)
+        for leaf, new in zip(jax.tree.leaves(estimate), jax.tree.leaves(better), strict=True):
             leaf[places] = new
-    result = (best, rtol, error, cheapest, (error <= tolerance) & best.complete)
+    within_tolerance = (estimate.error <= tolerance) & estimate.response.complete
+    result = (*estimate, within_tolerance)
     shaped = jax.tree.map(lambda leaf: leaf.reshape(batch.shape), result)
     return EstimatedResponse(*jax.device_put(shaped))
 
 
 class _Estimate(NamedTuple):
-    """A simulation and its error, block by block; all one-dimensional."""
+    """Responses and their errors, as in `EstimatedResponse`; all one-dimensional."""
 
-    simulated: SimulatedBatch
+    response: BatchResponse
+    rtol: np.ndarray
     error: np.ndarray
-    cheapest: np.ndarray  # the loosest tolerance known to be good enough, or the tighter one
+    cheapest: np.ndarray
 
 
 def _estimate(
-    batch: Batch, model: RockingModel, looser: float, rtol: float, tolerance: float
+    batch: Batch,
+    model: RockingModel,
+    levels: Sequence[float],
+    tolerance: float,
+    *,
+    at_once: bool,
 ) -> _Estimate:
-    """Simulate a batch at `rtol`, and estimate its error by companions there and at `looser`."""
-    precision = np.finfo(batch.dtype)
-    slip = 1 + _ROUNDING[precision.bits] * float(precision.eps)
+    """Simulate a batch at the tighter of two levels, and estimate its error by companions.
 
-    def simulate(blocks: Batch, rtol: float, *change: StepChange) -> SimulatedBatch:
-        simulated = simulate_batch(blocks, model, rtol, None, *change)
-        return jax.tree.map(lambda leaf: leaf.reshape(-1), simulated)
+    The second companion is simulated `at_once` for all blocks, or later where it is needed.
+    """
+    looser, rtol = levels
+    dtype = batch.dtype
+    slip = 1 + _ROUNDING[np.finfo(dtype).bits] * float(np.finfo(dtype).eps)
+    # Of the response and both companions: tolerance of a step, factor on the input, and divisor
+    # of the restitution.
+    step_tolerances = (
+        choose_step_tolerance(rtol, dtype),
+        choose_step_tolerance(looser, dtype),
+        choose_step_tolerance(rtol, dtype, _TIGHTER),
+    )
+    table = np.asarray([step_tolerances, (1, slip, 1 / slip), (1, 1, slip)], dtype)
 
-    best = simulate(batch, rtol)
-    companion = simulate(batch.scaled(slip), looser, _FIRST_CHANGE)
+    def simulate(part: Batch, *companions: int) -> list[SimulatedBatch]:
+        """Simulate the response (0) or its companions (1, 2), all in one batch."""
+        index = np.reshape(companions, (-1, *[1] * len(part.shape)))
+        step_tolerance, factor, divisor = table[:, index]
+        repeated = replace(
+            part.scaled(factor),
+            # C = 0 changes as well: to a motion with bounces.
+            restitution=np.maximum(part.restitution / divisor, divisor - 1),
+            control=StepControl(step_tolerance, index.astype(dtype)),
+        )
+        simulated = simulate_batch(repeated, model)
+        flat = jax.tree.map(lambda leaf: leaf.reshape(len(companions), -1), simulated)
+        return [_select(flat, k) for k in range(len(companions))]
+
+    best, companion, *others = simulate(batch, 0, 1, 2) if at_once else simulate(batch, 0, 1)
     divergence = _compare_sums(companion, best)
     first_bound = np.maximum(_bound_error(companion, best), _LEAST * rtol)
     error = np.maximum(first_bound, slip - 1)
@@ -240,19 +252,23 @@ def _estimate(
     # and companion are proportional; under other inputs they are not, and agreement by chance is
     # likelier: there the second companion is always computed.
     amplified = ~(divergence <= min(_AMPLIFICATION, 10 * looser))
-    amplified |= not batch.ground.parts[0].intervals_end_steps
+    amplified |= not batch.ground.input.intervals_end_steps
     (places,) = np.nonzero((error > tolerance) | amplified)
     if places.size:
-        part = batch.select(places).scaled(1 / slip)
-        # C = 0 changes as well: to a motion with bounces.
-        restitution = np.maximum(part.restitution / slip, slip - 1)
-        companion = simulate(replace(part, restitution=restitution), rtol, _SECOND_CHANGE)
-        better = jax.tree.map(lambda leaf: leaf[places], best)
+        if at_once:
+            companion = _select(others[0], places)
+        else:
+            (companion,) = simulate(batch.select(places), 2)
         least = max(_LEAST * rtol, slip - 1)
-        second_bound = np.maximum(_bound_error(companion, better), least)
+        second_bound = np.maximum(_bound_error(companion, _select(best, places)), least)
         error[places] = np.maximum(second_bound, first_bound[places] / _ERROR_RATIO)
     # A response at the looser tolerance is more accurate than the first companion, too.
-    return _Estimate(best, error, np.where(error <= tolerance, looser, rtol))
+    cheapest = np.where(error <= tolerance, looser, rtol).astype(dtype)
+    return _Estimate(best.response, np.full_like(error, rtol), error, cheapest)
+
+
+def _select(simulated: SimulatedBatch, index: np.ndarray | int) -> SimulatedBatch:
+    return jax.tree.map(lambda leaf: leaf[index], simulated)
 
 
 def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
@@ -272,7 +288,6 @@ def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
 
 def _compare_sums(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
     """Compute the difference of sums over impacts, in units of the contribution of the peak."""
-    difference = np.abs(worse.impact_sum.energy - better.impact_sum.energy)
-    unit = better.impact_sum.unit
+    difference = np.abs(worse.impact_sum - better.impact_sum)
     # Where nothing moves, 0 / 1.
-    return difference / np.where(unit > 0, unit, 1)
+    return difference / np.where(better.impact_unit > 0, better.impact_unit, 1)
