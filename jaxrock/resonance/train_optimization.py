@@ -398,7 +398,7 @@ def _reduce_loss(evaluation: Evaluation, problem: TrainProblem) -> tuple[Reals, 
     excess = jnp.where(problem.seeks_pulses, values[1] / per_bound, 0)
     excess_slope = jnp.where(problem.seeks_pulses, slopes[1] / per_bound, 0)
     values = values - excess * slopes[:, -1]
-    slopes = slopes - slopes[:, -1:] * excess_slope
+    slopes = slopes - slopes[:, -1:] * excess_slope[None]
     loss = values[0] - _LATENESS_WEIGHT * jnp.minimum(values[2:], 0).sum()
     late_slopes = jnp.where(values[2:, None] < 0, slopes[2:], 0)
     slope = slopes[0] - _LATENESS_WEIGHT * late_slopes.sum(axis=0)
@@ -441,7 +441,7 @@ def _polish(candidate: Candidate, problem: TrainProblem) -> Candidate:
     if problem.seeks_pulses:
         # A step of Newton's method, to the last digits.
         numbers[-1] -= values[1] / slopes[1, -1]
-        _, values, _ = evaluate_once(numbers.tobytes())
+        values = evaluate(candidate._replace(numbers=numbers), problem).values
     kept = bool((values[limited] > -problem.tolerance).all())
     # Converged, or rounding hides any descent.
     ended = minimum.status in (0, 8) and kept
@@ -477,7 +477,8 @@ def _generate_moves(
     """
     # The neighbours of the half-cycle, and the first one that the spacing allows.
     neighbours = np.append(candidate.impacts[k] + np.array([-1, 0, 1]), 0)
-    for impacts in np.unique(neighbours.clip(problem.fewest_impacts, problem.most_impacts)):
+    allowed = neighbours.clip(problem.fewest_impacts, problem.most_impacts)
+    for impacts in np.unique(allowed).tolist():
         for phase in (_EARLY, _LATE):
             moved = _place_pulse(candidate, k, impacts, phase)
             yield moved
