@@ -37,7 +37,7 @@ def quarter_cycle_displacement(damping_ratio: Number) -> Reals:
 def peak_displacement(damping_ratio: Number) -> Reals:
     """Compute the largest displacement of the same oscillator [m], which comes earlier."""
     root = jnp.sqrt(1 - damping_ratio**2)
-    return jnp.exp(-damping_ratio / root * jnp.arctan2(root, damping_ratio))
+    return jnp.exp(-jnp.arctan2(root, damping_ratio) * damping_ratio / root)
 
 
 @elementwise(restitution=UNIT_INTERVAL)

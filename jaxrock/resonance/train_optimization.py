@@ -274,19 +274,18 @@ def _run_descents(
 ) -> Descended:
     """Let at most `_TRAINS` trains descend."""
     dtype = problem.rocker.restitution.dtype
-    descents = [
-        _Descent(
+    rows = [
+        (
             candidate.numbers.astype(dtype),
             candidate.impacts,
             *(bound.astype(dtype) for bound in _compute_bounds(candidate, problem)),
-            np.array(steps),
+            steps,
         )
         for candidate in candidates
     ]
     # One program for any number of trains: the padding takes no step.
-    padding = descents[0]._replace(steps=np.array(0))
-    descents += [padding] * (_TRAINS - len(descents))
-    stacked = jax.tree.map(lambda *rows: np.stack(rows), *descents)
+    rows += [(*rows[0][:-1], 0)] * (_TRAINS - len(rows))
+    stacked = _Descent(*(jnp.asarray(np.stack(column)) for column in zip(*rows, strict=True)))
     return jax.device_get(_descend_all(stacked, problem, problem.most_impacts))
 
 

@@ -74,7 +74,7 @@ class _AfterPulse(NamedTuple):
 
 
 def follow_phased_train(
-    rocker: Rocker, train: Train, spacing: Reals, most_impacts: int, waits: Booleans
+    rocker: Rocker, train: Train, spacing: Reals | float, most_impacts: int, waits: Booleans
 ) -> Outcome:
     """Compute the outcome of a train whose pulses come at least `spacing` apart [s].
 

@@ -262,7 +262,7 @@ def _make_result(candidates: list[Candidate], problem: TrainProblem, goal: Goal)
     outcome = evaluate(best, problem).outcome
     # What the train does, from the numbers that were optimised.
     intensities = outcome.sides * best.weights * np.exp(best.numbers[-1]) * unit
-    overturns = problem.seeks_pulses or bool(outcome.x >= 1)
+    overturns = bool(problem.seeks_pulses or outcome.x >= 1)
     # At the peak the velocity is 0: all of the launch velocity is lost.
     top = Flight(jnp.asarray(outcome.x), jnp.zeros_like(outcome.x))
     peak = math.nan if overturns else float(problem.rocker.rotation(top))
@@ -278,8 +278,8 @@ def _make_result(candidates: list[Candidate], problem: TrainProblem, goal: Goal)
     return WorstTrain(
         times=times,
         intensities=raised,
-        impacts_between=outcome.impacts.astype(int),
-        delays=outcome.delays,
+        impacts_between=np.asarray(outcome.impacts, int),
+        delays=np.asarray(outcome.delays),
         largest=float(abs(intensities).max()),
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
