@@ -33,7 +33,7 @@ _find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 _MOVED = {
     "dynamics": "divided into jaxrock.driven and jaxrock.steady",  # since 0.3.0
-    "Oscillator": "written out in the notebook on resonance spectra",
+    "Oscillator": "written out on the page of the paper",
     "damping_from_decay": "-ln(B) / pi",
     "equivalent_damping_as_printed": "now resonance.equivalent_damping(as_printed=True)",
     "timing_costs": "written out in the notebook on inverse design",
