@@ -39,6 +39,10 @@ _MOVED = {
     "overturning_spectrum": "now overturning_map(amplitude_ratio=...)",
     "pulsed_next_velocity": "the next landing of respond(..., velocity=)",
     "survival_windows": 'now overturning_boundaries(along="factor").windows',
+    "Oscillator": "written out on the page of the paper",
+    "damping_from_decay": "-ln(B) / pi",
+    "equivalent_damping_as_printed": "now resonance.equivalent_damping(as_printed=True)",
+    "timing_costs": "written out in the notebook on inverse design",
 }
 
 

@@ -92,9 +92,3 @@ def test_arguments_are_guarded_once():
 
     program = str(jax.make_jaxpr(ratio)(*numbers))
     assert len(re.findall(r"= lt \S+ inf", program)) == 6
-
-
-def test_a_restitution_and_an_intensity_that_are_likely_exchanged_get_a_warning():
-    with pytest.warns(UserWarning, match=r"restitution is 0\.15 and intensity 0\.7 m/s"):
-        jr.Scene(BLOCK, 0.15, 0.7)
-    jr.Scene(BLOCK, restitution=0.15, intensity=0.7)  # by name it is meant

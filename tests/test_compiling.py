@@ -98,9 +98,6 @@ CALLS = {
         record(seed=k).scaled(1.0 + k).intensity,
         record(seed=k).knots(),
     ),
-    "Oscillator": lambda k: jr.resonance.Oscillator(3.0 + k, 0.05).half_cycle_velocity(
-        0.1, 2.0 + k
-    ),
     "Suite": lambda k: suite(k).scaled(1.0 + k).measure("pga_ratio", block(k)),
     "Hazard": lambda k: jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4])(0.2 + 0.1 * k),
     "amplification": lambda k: jr.amplification(scene(k)),
@@ -124,11 +121,7 @@ CALLS = {
     "cross_validate": lambda k: jr.calibration.cross_validate(
         suite(k), [k == 0, True, False], splits=1, samples=64
     ),
-    "damping_from_decay": lambda k: jr.resonance.damping_from_decay(0.5 + 0.1 * k),
     "equivalent_damping": lambda k: jr.resonance.equivalent_damping(0.5 + 0.1 * k),
-    "equivalent_damping_as_printed": lambda k: jr.resonance.equivalent_damping_as_printed(
-        0.5 + 0.1 * k
-    ),
     "example_record": lambda k: jr.example_record(("north", "east")[k]),
     "required_value": lambda k: jr.required_value(
         block(k),
@@ -206,7 +199,6 @@ CALLS = {
     "symmetry_breaking_amplitude": lambda k: jr.steady.symmetry_breaking_amplitude(
         block(k), 0.9, 10.0 + k
     ),
-    "timing_costs": lambda k: jr.resonance.timing_costs(jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 3),
     "tornado": lambda k: jr.tornado(jr.rotation_ratio, scene(k), _RANGES),
     "uplift_factor": lambda k: jr.overturning.uplift_factor(block(k), record(150 + k, seed=k)),
     "value_and_slopes": lambda k: _slopes(scene(k)),

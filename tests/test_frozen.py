@@ -34,7 +34,8 @@ def test_some_are_what_mpmath_says(name):
 @pytest.mark.parametrize("name", TABLES)
 def test_all_are_what_mpmath_says(name):
     table = TABLES[name]
-    assert list(frozen.table(name)) == table.keys
+    # Values of functions that are gone may stay.
+    assert set(table.keys) <= set(frozen.table(name))
     for key in table.keys:
         asked, answer = frozen.entry(name, *key)
         # Samplers round with whatever NumPy and processor there are, which differ by a unit.

@@ -23,9 +23,8 @@ import jaxrock as jr
 ONE_OF_EACH_KIND = (
     "Block.frequency_parameter",
     "half_cycle_velocity(5)",
-    "Linearized.peak_amplification",
+    "Linearized amplification",
     "Nonlinear.peak_rotation",
-    "Oscillator.motion displacement",
     "Nonlinear.half_cycle_duration",
     "Linearized critical_slenderness(5)",
 )

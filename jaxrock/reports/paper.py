@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import resonance
 from ..block import Block
-from ..resonance import Oscillator, Scene, as_model
+from ..resonance import Scene, as_model
 from ..spectra import resonance_spectrum
 
 PRINTED = json.loads((files("jaxrock") / "data" / "paper.json").read_text(encoding="utf-8"))
@@ -131,14 +131,10 @@ def compute(number: dict[str, Any]) -> np.ndarray:
     model = as_model(number.get("model", "linearized"))
     arguments |= {"block": block, "scene": scene, "velocity": velocity, "model": model}
     quantity = number["quantity"]
-    owner = model if hasattr(model, quantity) else resonance
-    if "damping_ratio" in arguments:
-        owner = Oscillator(1.0, arguments["damping_ratio"])
-    numbers = getattr(owner, quantity)
-    if callable(numbers):
-        names = inspect.signature(numbers).parameters
-        numbers = numbers(**{name: arguments[name] for name in names if name in arguments})
-    numbers = np.asarray(numbers)
+    owners = (model, resonance, resonance.elastic_oscillator)
+    function = next(getattr(owner, quantity) for owner in owners if hasattr(owner, quantity))
+    names = inspect.signature(function).parameters
+    numbers = np.asarray(function(**{n: arguments[n] for n in names if n in arguments}))
     same = {"quantity": quantity, "model": model}
     if "over" in number:
         return numbers / compute(same | number["over"])

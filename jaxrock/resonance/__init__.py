@@ -1,12 +1,8 @@
 """The paper: free rocking, the half-cycle map and its limits, inverse design, pulse trains."""
 
+from . import elastic_oscillator as elastic_oscillator
 from .critical_values import CriticalValues, critical_values
-from .elastic_oscillator import (
-    Oscillator,
-    damping_from_decay,
-    equivalent_damping,
-    equivalent_damping_as_printed,
-)
+from .elastic_oscillator import equivalent_damping
 from .free_rocking import Linearized, Nonlinear
 from .free_rocking import ModelLike as ModelLike
 from .free_rocking import as_model as as_model
@@ -31,14 +27,12 @@ from .inverse_design import (
 from .pulse_train import TrainResponse, respond_to_train
 from .rocking_model import RockingModel
 from .scene import Scene
-from .train_timing import timing_costs
 from .worst_trains import WorstTrain, worst_train
 
 __all__ = [
     "CriticalValues",
     "Linearized",
     "Nonlinear",
-    "Oscillator",
     "RockingModel",
     "Scene",
     "TrainResponse",
@@ -49,9 +43,7 @@ __all__ = [
     "critical_slenderness",
     "critical_values",
     "critical_width",
-    "damping_from_decay",
     "equivalent_damping",
-    "equivalent_damping_as_printed",
     "half_cycle_velocity",
     "launch_velocity",
     "next_velocity",
@@ -62,6 +54,5 @@ __all__ = [
     "stabilized_period",
     "stabilized_rotation",
     "stabilized_velocity",
-    "timing_costs",
     "worst_train",
 ]

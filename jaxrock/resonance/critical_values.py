@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,14 @@ from .inverse_design import (
     critical_slenderness,
     critical_width,
 )
+
+_HEADS = {
+    "intensity [m/s]": "critical_intensity",
+    "width [m]": "width_at_this_height",
+    "size [m]": "width_at_this_slenderness",
+    "height [m]": "height_at_this_width",
+    "restitution": "critical_restitution",
+}
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,24 +53,9 @@ class CriticalValues(Printed):
         return self.columns
 
     def __str__(self) -> str:
-        columns = self.columns
-        names = [
-            f"{'unlimited' if math.isinf(count) else f'{count:g}'}, {model}"
-            for count, model in zip(columns["half_cycles"], columns["model"], strict=True)
-        ]
-        heads = {
-            "intensity [m/s]": "critical_intensity",
-            "width [m]": "width_at_this_height",
-            "size [m]": "width_at_this_slenderness",
-            "height [m]": "height_at_this_width",
-            "restitution": "critical_restitution",
-        }
-        shown = {
-            head: [
-                f"{x:.5g}".replace("nan", "none").replace("inf", "any") for x in columns[name]
-            ]
-            for head, name in heads.items()
-        }
+        cases = zip(self.columns["half_cycles"], self.columns["model"], strict=True)
+        names = [f"{count:g}, {model}".replace("inf", "unlimited") for count, model in cases]
+        shown = {head: map(_format_value, self.columns[_HEADS[head]]) for head in _HEADS}
         sentence = (
             "intensity: the pulses that just overturn this block in so many half-cycles; width"
             " at this height,\nsize as the width at this slenderness, height at this width,"
@@ -70,6 +63,11 @@ class CriticalValues(Printed):
         )
         scene = describe_scene(self.block, self.restitution)
         return f"{scene}\n{format_table(sentence, names, **shown)}"
+
+
+def _format_value(value: float) -> str:
+    """Format a critical value in words where there is none, or any will do."""
+    return f"{value:.5g}".replace("nan", "none").replace("inf", "any")
 
 
 def critical_values(
@@ -108,24 +106,23 @@ def critical_values(
     """
     check("intensity", intensity, NON_NEGATIVE)
     cases = list(itertools.product(half_cycles, ("linearized", "nonlinear")))
-    functions = {
-        "critical_intensity": lambda *case: critical_intensity(block, restitution, *case),
-        "width_at_this_height": lambda *case: critical_width(
-            block, restitution, intensity, *case, fixed="height"
-        ),
-        "width_at_this_slenderness": lambda *case: critical_width(
-            block, restitution, intensity, *case, fixed="slenderness"
-        ),
-        "critical_slenderness": lambda *case: critical_slenderness(
-            block, restitution, intensity, *case
-        ),
-        "critical_restitution": lambda *case: critical_restitution(block, intensity, *case),
+
+    def compute(
+        function: Callable[..., Reals], *arguments: Any, **options: str
+    ) -> list[float]:
+        """Compute a critical value in each case."""
+        return [float(function(*arguments, *case, **options)) for case in cases]
+
+    given = (block, restitution, intensity)
+    slenderness = compute(critical_slenderness, *given)
+    columns: dict[str, list[Any]] = {
+        "half_cycles": [count for count, _ in cases],
+        "model": [model for _, model in cases],
+        "critical_intensity": compute(critical_intensity, block, restitution),
+        "width_at_this_height": compute(critical_width, *given, fixed="height"),
+        "width_at_this_slenderness": compute(critical_width, *given),
+        "critical_slenderness": slenderness,
+        "critical_restitution": compute(critical_restitution, block, intensity),
+        "height_at_this_width": [float(block.width) * value for value in slenderness],
     }
-    counts, models = zip(*cases, strict=True)
-    columns: dict[str, list[Any]] = {"half_cycles": [*counts], "model": [*models]}
-    for name, function in functions.items():
-        columns[name] = [float(function(*case)) for case in cases]
-    width = float(block.width)
-    heights = [width * float(value) for value in columns["critical_slenderness"]]
-    columns["height_at_this_width"] = heights
     return CriticalValues(block, restitution, intensity, columns)

@@ -24,13 +24,16 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 
-
-@elementwise(
+_guard = elementwise(
     prepare_restitution,
     restitution=UNIT_INTERVAL,
+    intensity=NON_NEGATIVE,
     half_cycles=COUNT,
     model=as_model,
 )
+
+
+@elementwise(prepare_restitution, restitution=UNIT_INTERVAL, half_cycles=COUNT, model=as_model)
 def critical_intensity(
     block: Block,
     restitution: Number,
@@ -128,13 +131,7 @@ def critical_width(
     return solve(block, restitution, intensity, half_cycles, model)
 
 
-@elementwise(
-    prepare_restitution,
-    restitution=UNIT_INTERVAL,
-    intensity=NON_NEGATIVE,
-    half_cycles=COUNT,
-    model=as_model,
-)
+@_guard
 def _width_at_slenderness(
     block: Block, restitution: Number, intensity: Number, half_cycles: Number, model: ModelLike
 ) -> Reals:
@@ -146,13 +143,7 @@ def _width_at_slenderness(
     return 2 * (pulse / _single_pulse_intensity(unit, model)) ** 2
 
 
-@elementwise(
-    prepare_restitution,
-    restitution=UNIT_INTERVAL,
-    intensity=NON_NEGATIVE,
-    half_cycles=COUNT,
-    model=as_model,
-)
+@_guard
 def _width_at_height(
     block: Block, restitution: Number, intensity: Number, half_cycles: Number, model: ModelLike
 ) -> Reals:
@@ -162,32 +153,21 @@ def _width_at_height(
     gravity = block.gravity * block.inertia_ratio
     # The pulse as a pure number, on which alone b / a depends.
     weight = quotient(pulse, jnp.sqrt(half_height) * jnp.sqrt(gravity))
-    number = jnp.finfo(weight.dtype)
     finite = weight < jnp.inf
-    weight = jnp.where(finite, weight, 1)
 
-    def log_excess(log_factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
-        """Compute log(pulse that just overturns a block of this shape / given pulse)."""
-        estimate, weight = parameters
-        ratio = estimate * jnp.exp(log_factor)
-        unit = jnp.ones_like(estimate)
+    def intensity_of(ratio: Reals) -> Reals:
+        """Compute the pulse that just overturns a block of b / a, as a pure number."""
+        unit = jnp.ones_like(ratio)
         # A block with a g kappa = 1: its pulse in m/s is the pure number.
-        return jnp.log(
-            _single_pulse_intensity(Block(0.75 * ratio, 1 / ratio, unit), model) / weight
-        )
+        return _single_pulse_intensity(Block(0.75 * ratio, 1 / ratio, unit), model)
 
     # Slender blocks are overturned by a weight of b / a, stocky ones by (b / a)^1.5, up to a
-    # factor of pi / 2. The factor on b / a is solved for; beyond the ends of the clipped range
-    # it no longer changes.
-    eps = float(number.eps)
-    clipped = jnp.clip(weight, 0.1 * eps**0.5, (10 / eps) ** 1.5)
-    estimate, clipped_estimate = (_estimate_ratio(w) for w in (weight, clipped))
-    log_factor = _solve_by_newton(
-        log_excess, jnp.zeros_like(estimate), clipped_estimate, clipped
-    )
-    fixed = jax.lax.stop_gradient(log_factor)
-    factor = jnp.exp(jnp.where(weight == clipped, log_factor, fixed))
-    return jnp.where(finite, 2 * half_height * (estimate * factor), jnp.inf)
+    # factor of pi / 2.
+    eps = float(jnp.finfo(weight.dtype).eps)
+    bounds = 0.1 * eps**0.5, (10 / eps) ** 1.5
+    weight = jnp.where(finite, weight, 1)
+    ratio = _solve_shape(intensity_of, _estimate_ratio, weight, bounds)
+    return jnp.where(finite, 2 * half_height * ratio, jnp.inf)
 
 
 def _estimate_ratio(weight: Reals) -> Reals:
@@ -199,13 +179,7 @@ def _estimate_ratio(weight: Reals) -> Reals:
     return jnp.where(slender, weight, stocky)
 
 
-@elementwise(
-    prepare_restitution,
-    restitution=UNIT_INTERVAL,
-    intensity=NON_NEGATIVE,
-    half_cycles=COUNT,
-    model=as_model,
-)
+@_guard
 def critical_slenderness(
     block: Block,
     restitution: Number,
@@ -258,32 +232,22 @@ def critical_slenderness(
     slenderness_beyond = jnp.where(weight > 1, 0, jnp.inf)
     weight = jnp.where(representable, weight, 1)
 
-    def log_excess(log_factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
-        """Compute log(pulse that just overturns a block of this slenderness / given pulse)."""
-        estimate, weight = parameters
-        slenderness = estimate * jnp.exp(log_factor)
-        unit = jnp.ones_like(estimate)
+    def intensity_of(slenderness: Reals) -> Reals:
+        """Compute the pulse that just overturns a block of a slenderness, as a pure number."""
+        unit = jnp.ones_like(slenderness)
         # A block with b g kappa = 1: its pulse in m/s is the pure number.
-        return jnp.log(
-            _single_pulse_intensity(Block(0.75 * unit, slenderness, unit), model) / weight
-        )
+        return _single_pulse_intensity(Block(0.75 * unit, slenderness, unit), model)
 
     # Weak pulses overturn slender blocks of slenderness 1 / weight^2, strong ones stocky
-    # blocks of slenderness 1 / weight, up to a factor of pi / 2. The factor is solved for;
-    # beyond the ends of the clipped range it no longer changes.
+    # blocks of slenderness 1 / weight, up to a factor of pi / 2.
     eps = float(number.eps)
-    clipped = jnp.clip(weight, 0.1 * eps**0.25, 10 / eps)
-    estimate, clipped_estimate = (
-        jnp.where(w < 1, (1 / w) ** 2, 1 / w) for w in (weight, clipped)
+    slenderness = _solve_shape(
+        intensity_of,
+        lambda weight: jnp.where(weight < 1, (1 / weight) ** 2, 1 / weight),
+        weight,
+        (0.1 * eps**0.25, 10 / eps),
     )
-    log_factor = _solve_by_newton(
-        log_excess, jnp.zeros_like(estimate), clipped_estimate, clipped
-    )
-    # Nor has it a derivative there: the derivative at an end, times one that overflows, would
-    # be NaN.
-    fixed = jax.lax.stop_gradient(log_factor)
-    factor = jnp.exp(jnp.where(weight == clipped, log_factor, fixed))
-    return jnp.where(representable, estimate * factor, slenderness_beyond)
+    return jnp.where(representable, slenderness, slenderness_beyond)
 
 
 @elementwise(intensity=NON_NEGATIVE, half_cycles=COUNT, model=as_model)
@@ -363,6 +327,33 @@ def _equivalent_intensity(
 ) -> Reals:
     """Compute the single pulse that launches as fast as n, each after an impact [m/s]."""
     return quotient_or_infinite(jnp.asarray(intensity), share_of_one(restitution, half_cycles))
+
+
+def _solve_shape(
+    intensity_of: Callable[[Reals], Reals],
+    estimate: Callable[[Reals], Reals],
+    weight: Reals,
+    bounds: tuple[float, float],
+) -> Reals:
+    """Find the shape of the block that a pulse just overturns, both as pure numbers.
+
+    The factor on the estimate is solved for; beyond the bounds on the pulse it no longer changes.
+    """
+
+    def log_excess(log_factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
+        """Compute log(pulse that just overturns a block of this shape / given pulse)."""
+        estimated, weight = parameters
+        return jnp.log(intensity_of(estimated * jnp.exp(log_factor)) / weight)
+
+    estimated = estimate(weight)
+    clipped = jnp.clip(weight, *bounds)
+    log_factor = _solve_by_newton(
+        log_excess, jnp.zeros_like(estimated), estimate(clipped), clipped
+    )
+    # Nor has it a derivative there: the derivative at an end, times one that overflows, would
+    # be NaN.
+    fixed = jax.lax.stop_gradient(log_factor)
+    return estimated * jnp.exp(jnp.where(weight == clipped, log_factor, fixed))
 
 
 def _solve_by_newton(

@@ -6,14 +6,12 @@ between by a loop.
 """
 
 import functools
-from types import ModuleType
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from ..block import Block
 from ..host import Printed, Status, format_fields
@@ -27,7 +25,6 @@ from ..validation import (
     Number,
     Numbers,
     Reals,
-    as_array,
     as_real,
     check,
     check_kind,
@@ -40,9 +37,7 @@ from .rocker import Flight, Rocker
 # In double precision a block comes to rest (see `_rock_freely`) after about 72 / -ln(C)
 # impacts, which is more than this limit only if C is above 0.9992.
 _MAX_IMPACTS = 10**5
-_TIMES = 512  # of a history at once
-
-_Samples = Float[Array | np.ndarray, "..."]
+_TIMES = 512  # of a history: a multiple
 
 
 class FreeMotion(NamedTuple):
@@ -129,23 +124,13 @@ class TrainResponse(Printed, eqx.Module):
         [ 0.      0.0073 -0.0019] [0.1082 0.0385 0.0556]
         """
         wanted = as_real("time", time, unit="s")
+        flat = wanted.astype(self.times.dtype).reshape(-1)
+        if not is_traced((self, wanted)):
+            # A program of one size for most numbers of times.
+            flat = jnp.pad(flat, (0, -flat.size % _TIMES))
+        rotation, velocity = _sample_motion(self, flat)
         shape = wanted.shape
-        if is_traced((self, wanted)):
-            flat = wanted.astype(self.times.dtype).reshape(-1)
-            rotation, velocity = _sample_motion(
-                self.rocker, *_select_motion(jnp, flat, self.times, self.after_pulses)
-            )
-            return rotation.reshape(shape), velocity.reshape(shape)
-        # One program for all numbers of times and pulses; in NumPy, which compiles nothing.
-        times, after_pulses = jax.device_get((self.times, self.after_pulses))
-        pieces = max(1, -(-wanted.size // _TIMES))
-        flat = np.resize(np.asarray(wanted, times.dtype), (pieces, _TIMES))
-        parts = [
-            _sample_motion(self.rocker, *_select_motion(np, at, times, after_pulses))
-            for at in flat
-        ]
-        joined = np.concatenate(parts, axis=-1)[:, : wanted.size]
-        return as_array(joined[0].reshape(shape)), as_array(joined[1].reshape(shape))
+        return rotation[: wanted.size].reshape(shape), velocity[: wanted.size].reshape(shape)
 
     def __str__(self) -> str:
         return format_fields(self, overturned="", peak_rotation="rad", velocity_ratio="")
@@ -201,12 +186,12 @@ def respond_to_train(
     check_kind("block", block, Block)
     block.check()
     if t.ndim != 1 or t.shape != pulses.shape or not t.size:
-        shapes = f"got shapes {t.shape} and {pulses.shape}"
-        rule = "be one-dimensional and equally long" if t.size else "not be empty"
-        raise ValueError(f"times and intensities must {rule}, {shapes}")
-    if not is_traced(t) and (falls := np.diff(np.asarray(t)) < 0).any():
-        first = int(falls.argmax())
-        raise ValueError(f"times must not decrease, got {t[first + 1]:g} after {t[first]:g}")
+        raise ValueError(
+            "times and intensities must be one-dimensional, equally long and not empty,"
+            f" got shapes {t.shape} and {pulses.shape}"
+        )
+    if not is_traced(t) and (np.diff(np.asarray(t)) < 0).any():
+        raise ValueError(f"times must not decrease, got {np.asarray(t)}")
     block, c, t, pulses = unify_precision((block, c, t, pulses))
     response = follow_timed_train(Rocker(block, c, as_model(model)), t, pulses)
     if is_traced(response):
@@ -268,23 +253,16 @@ def follow_timed_train(rocker: Rocker, times: Reals, intensities: Reals) -> Trai
     )
 
 
-def _select_motion(
-    namespace: ModuleType, time: _Samples, times: _Samples, after_pulses: FreeMotion
-) -> tuple[FreeMotion, Reals]:
-    """Take the motion after the last pulse before each time, and the time since it [s]."""
-    pulse = namespace.searchsorted(times, time, side="right") - 1
-    pulse = namespace.maximum(pulse, 0)
-    motion = jax.tree.map(lambda part: part[pulse], after_pulses)
-    # Before the first pulse the block rests.
-    motion = motion._replace(x=namespace.where(time < times[0], 0, motion.x))
-    return jax.tree.map(as_array, (motion, time - times[pulse]))
-
-
 @eqx.filter_jit
-@functools.partial(jax.vmap, in_axes=(None, 0, 0))
-def _sample_motion(rocker: Rocker, motion: FreeMotion, interval: Reals) -> tuple[Reals, Reals]:
-    """Compute rotation [rad] and velocity [rad/s] at an interval after a motion."""
-    now = _rock_freely(rocker, motion, interval)
+@functools.partial(jax.vmap, in_axes=(None, 0))
+def _sample_motion(train: TrainResponse, time: Reals) -> tuple[Reals, Reals]:
+    """Compute rotation [rad] and velocity [rad/s] at a time [s]."""
+    rocker = train.rocker
+    pulse = jnp.maximum((train.times <= time).sum() - 1, 0)
+    motion = jax.tree.map(lambda part: part[pulse], train.after_pulses)
+    # Before the first pulse the block rests.
+    motion = motion._replace(x=jnp.where(time < train.times[0], 0, motion.x))
+    now = _rock_freely(rocker, motion, time - train.times[pulse])
     # A block that has overturned never falls back.
     duration = jnp.where(now.overturned, jnp.inf, now.duration)
     rotation, velocity, falls = rocker.motion(now.x, now.since, duration)

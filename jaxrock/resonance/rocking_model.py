@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ..block import Block
-from ..validation import FINITE, GROWTH, NON_NEGATIVE, Number, Reals, elementwise
+from ..validation import FINITE, NON_NEGATIVE, Number, Reals, elementwise
 
 
 class RockingModel(eqx.Module):
@@ -154,47 +154,14 @@ class RockingModel(eqx.Module):
         # The velocity is the derivative of the rotation: no model states it a second time.
         return jax.jvp(lambda t: self._rotation(block, x, t), (time,), (jnp.ones_like(time),))
 
-    @elementwise(velocity=NON_NEGATIVE, growth=GROWTH)
-    def peak_amplification(self, block: Block, velocity: Number, growth: Number) -> Reals:
-        """Compute how much higher a block rocks if launched ``1 + growth`` times as fast.
-
-        The quotient of two computed peaks would lose its derivatives where the peaks are
-        small, and its digits where they are almost equal.
-
-        Parameters
-        ----------
-        block : Block
-        velocity : array_like
-            Slower launch velocity [rad/s], finite and at least 0.
-        growth : array_like
-            Relative growth of the launch velocity [-], at least 0.
-
-        Returns
-        -------
-        Array, shape (...)
-            ``peak_rotation(velocity * (1 + growth)) / peak_rotation(velocity)`` [-], at zero
-            velocity ``(1 + growth)^2``; NaN where the faster launch overturns the block.
-
-        Raises
-        ------
-        ValueError
-            If a concrete `velocity` or `growth` is out of range. A traced one gives NaN.
-        """
-        x = velocity / self._critical_velocity(block)
-        stands = x * (1 + growth) < 1
-        # Stand-ins where the block overturns: the derivative of `where` includes both
-        # branches, and one that is NaN would spoil the sum.
-        x = jnp.where(stands, x, 0)
-        growth = jnp.where(stands, growth, 0)
-        return jnp.where(stands, self._peak_amplification(block, x, growth), jnp.nan)
-
     def _compute_where_standing(
         self, quantity: Callable[[Block, Reals, Reals], Reals], block: Block, velocity: Number
     ) -> Reals:
         """Compute a quantity of block, x and pulse; NaN where the block overturns."""
         x = velocity / self._critical_velocity(block)
         stands = x < 1
-        # Stand-ins, as in `peak_amplification`.
+        # Stand-ins where the block overturns: the derivative of `where` includes both
+        # branches, and one that is NaN would spoil the sum.
         x = jnp.where(stands, x, 0)
         velocity = jnp.where(stands, velocity, 0)
         intensity = velocity / block.pulse_velocity(1.0)

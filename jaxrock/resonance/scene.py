@@ -1,7 +1,5 @@
 """The scene of resonance: a block, its restitution, and the pulses that drive it."""
 
-import warnings
-
 from ..block import Block
 from ..host import Printed, format_number, format_outside
 from ..impact import read_restitution
@@ -49,21 +47,6 @@ class Scene(Printed, Checked):
     block: Block
     restitution: Reals = quantity(UNIT_INTERVAL, "")
     intensity: Reals = quantity(NON_NEGATIVE, "m/s")
-
-    def __new__(cls, *numbers: object, **named: object) -> "Scene":
-        """Warn of a restitution and an intensity that are likely exchanged."""
-        match numbers:
-            # Restitutions are hardly below 0.3, nor intensities at once in their usual range.
-            case (_, float(restitution), float(intensity)) if (
-                0 < restitution < 0.3 and 0.5 < intensity <= 1
-            ):
-                warnings.warn(
-                    f"restitution is {restitution:g} and intensity {intensity:g} m/s:"
-                    " Scene(block, restitution, intensity) takes them in this order, or by"
-                    " name",
-                    stacklevel=4,
-                )
-        return super().__new__(cls)
 
     def __init__(self, block: Block, restitution: Number, intensity: Number):
         check_kind("block", block, Block)

@@ -23,10 +23,16 @@ from ..validation import (
     unify_precision,
 )
 from .free_rocking import Linearized, ModelLike, as_model
-from .pulse_train import Flight, Rocker, TrainResponse, follow_timed_train
-from .train_candidates import MOST_IMPACTS, Candidate, Goal, TrainProblem
-from .train_optimization import descend, search
-from .train_through_impacts import MAX_IMPACTS
+from .pulse_train import TrainResponse, follow_timed_train
+from .rocker import Flight, Rocker
+from .train_optimization import (
+    MOST_IMPACTS,
+    Candidate,
+    Goal,
+    TrainProblem,
+    evaluate,
+    search,
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,8 +70,6 @@ class WorstTrain(Printed):
     objectives : ndarray, shape (starts,)
         Best objective reached from each start: the largest or total intensity [m/s], or the
         velocity after the last pulse over the critical one [-].
-    history : ndarray, shape (starts, steps)
-        Objective in each step of the descent from each start.
     goal : str
         Goal of the search.
     """
@@ -80,19 +84,17 @@ class WorstTrain(Printed):
     overturns: bool
     status: Status
     objectives: np.ndarray
-    history: np.ndarray
     goal: str
 
     def __str__(self) -> str:
+        outcome = "overturns"
+        if not self.overturns:
+            outcome = f"peak rotation {self.peak_rotation:.6g} rad"
+        if self.status != Status.COMPLETE:
+            outcome += f"; {self.status.description}"
         lines = [
             f"{self.goal}: largest pulse {self.largest:.5g} m/s,"
-            f" together {self.total:.5g} m/s,"
-            + (
-                " overturns"
-                if self.overturns
-                else f" peak rotation {self.peak_rotation:.6g} rad"
-            )
-            + ("" if self.status == Status.COMPLETE else f"; {self.status.description}"),
+            f" together {self.total:.5g} m/s, {outcome}",
             "  time [s]  intensity [m/s]  after impact [half-cycles]",
         ]
         pulses = zip(self.times, self.intensities, self.delays, strict=True)
@@ -103,7 +105,7 @@ class WorstTrain(Printed):
         return "\n".join(lines)
 
 
-def worst_train(  # noqa: C901, PLR0913
+def worst_train(  # noqa: PLR0913
     block: Block,
     restitution: Number,
     count: int,
@@ -120,11 +122,11 @@ def worst_train(  # noqa: C901, PLR0913
     """Find the worst train of instantaneous pulses, over their times, signs and intensities.
 
     Between the pulses the block moves freely, through its impacts. The search starts from
-    random trains and descends by gradient steps or, with limits on the times, by sequential
-    quadratic programming. Then it tries discrete changes that descent cannot make: it
-    reverses a pulse, moves it to the other side of the peak, or moves it to the previous or
-    next half-cycle. The best train is verified by simulation, with intensities a little higher
-    and a little lower.
+    random trains and descends by gradient steps. Then it tries discrete changes that descent
+    cannot make: it reverses a pulse, moves it to the other side of the peak, or moves it to the
+    previous or next half-cycle. Sequential quadratic programming brings what is found to the
+    last digits. The best train is verified by simulation, with intensities a little higher and
+    a little lower.
 
     Parameters
     ----------
@@ -146,7 +148,8 @@ def worst_train(  # noqa: C901, PLR0913
     spacing : float
         Shortest time between two pulses [s], finite and at least 0.
     latest : float
-        Latest time of the last pulse [s], at least 0.
+        Latest time of the last pulse [s], at least 0. If it is early, fewer pulses may
+        do more.
     model : Linearized or Nonlinear
         Equation of the motion between the pulses.
     starts, seed : int
@@ -196,42 +199,32 @@ def worst_train(  # noqa: C901, PLR0913
             f"impacts_between must be from 0 to {MOST_IMPACTS}, got {impacts_between}"
         )
     check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
-    if not latest >= 0:
-        raise ValueError(f"latest must be at least 0, got {latest:g}")
-    if (count - 1) * spacing > latest:
+    if not latest >= (count - 1) * spacing:
         raise ValueError(
-            f"count, spacing and latest contradict each other: {count} pulses {spacing:g} s"
-            f" apart take {(count - 1) * spacing:g} s, which is more than {latest:g} s"
+            f"latest must be at least (count - 1) spacing = {(count - 1) * spacing:g},"
+            f" got {latest:g}"
         )
 
     block, restitution = unify_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be a single block and number, got arrays")
     rocker = Rocker(block, restitution, as_model(model))
+    half_digits = float(np.finfo(restitution.dtype).eps) ** 0.5
     problem = TrainProblem(
         rocker=rocker,
-        goal=goal,
+        seeks_pulses=goal != "most rotation",
+        seeks_total=goal == "smallest total",
         largest=largest / float(rocker.unit) if largest is not None else 1.0,
         fewest_impacts=impacts_between,
         spacing=float(spacing),
         latest=float(latest),
-        rate=float(block.frequency_parameter),
-        eps=float(np.finfo(restitution.dtype).eps),
+        tolerance=10 * half_digits,
+        # No less than 1e-6, since a simulation in time computes the same train in another way.
+        raise_by=max(1e-6, half_digits),
+        margin=max(1e-10, 5 * half_digits**1.5),
     )
     candidates = search(_draw_candidates(problem, count, starts, seed), problem)
-    train = _make_result(candidates, problem, latest)
-
-    for _ in range(3):
-        # The times are those of a train that is raised, whose impacts come later: by how much
-        # depends on the train, and any more would make the pulses larger than need be.
-        late = float(train.times[-1]) - latest
-        if late <= 0:
-            break
-        earlier = problem.latest - late - problem.accuracy / problem.rate
-        problem = problem._replace(latest=max(earlier, (count - 1) * spacing))
-        candidates = [descend(candidate, problem) for candidate in candidates]
-        train = _make_result(candidates, problem, latest)
-    return train
+    return _make_result(candidates, problem, goal)
 
 
 def _draw_candidates(
@@ -247,107 +240,72 @@ def _draw_candidates(
     # Some weak, some almost as strong as a single pulse: a weak train comes to rest where
     # a stronger one has its impacts just in time.
     log_bounds = np.log(np.geomspace(0.9 / count, 0.97, starts))
+    # One as strong and as early as may be.
+    impacts[-1, 1:] = fewest
+    phases[-1] = 0
+    weights[-1] = 1
     numbers = np.column_stack([phases, weights, log_bounds])
     return [
-        Candidate(train_numbers, train_impacts, count)
+        Candidate(train_numbers, train_impacts)
         for train_numbers, train_impacts in zip(numbers, impacts, strict=True)
     ]
 
 
-def _make_result(
-    candidates: list[Candidate], problem: TrainProblem, latest: float
-) -> WorstTrain:
+def _make_result(candidates: list[Candidate], problem: TrainProblem, goal: Goal) -> WorstTrain:
     """Pick the best train of all candidates, verify it, and make it the answer."""
     unit = float(problem.rocker.unit)
-    losses = np.array([c.loss if c.is_feasible(problem) else np.inf for c in candidates])
-    objectives = {
-        "smallest largest": np.exp(losses) * unit,
-        "smallest total": losses * unit,
-        "most rotation": np.exp(-losses),
-    }[problem.goal]
+    losses = np.array([candidate.loss for candidate in candidates])
     # Of equally good trains, one whose search has ended.
-    equal = losses <= losses.min() + problem.tolerance
-    ended = equal & np.array([candidate.ended for candidate in candidates])
-    best = candidates[
-        int(np.argmin(np.where(ended, losses, np.inf) if ended.any() else losses))
-    ]
-
-    count = best.used
-    outcome = jax.device_get(best.compute_outcome(problem))
+    equal = [c for c in candidates if c.loss <= losses.min() + problem.tolerance]
+    best = min(equal, key=lambda candidate: (not candidate.ended, candidate.loss))
+    objectives = np.exp(losses) * unit if problem.seeks_pulses else np.exp(-losses)
+    outcome = evaluate(best, problem).outcome
     # What the train does, from the numbers that were optimised.
-    impulses = best.weights[:count] * np.exp(best.numbers[-1])
-    intensities = outcome.sides[:count] * impulses * unit
-    impacts = best.impacts[1:count]
-    overturns = problem.seeks_pulses or bool(outcome.x >= 1)
+    intensities = outcome.sides * best.weights * np.exp(best.numbers[-1]) * unit
+    overturns = bool(problem.seeks_pulses or outcome.x >= 1)
     # At the peak the velocity is 0: all of the launch velocity is lost.
     top = Flight(jnp.asarray(outcome.x), jnp.zeros_like(outcome.x))
     peak = math.nan if overturns else float(problem.rocker.rotation(top))
-    times, raised, verified = _verify(best, problem, intensities, peak)
-    in_time = (np.diff(times) >= problem.spacing * (1 - 1e-9)).all() and times[-1] <= latest
-    # At the limit, even more impacts between two pulses might be worse.
-    searched = best.ended and best.is_feasible(problem) and (impacts < MAX_IMPACTS).all()
-    status = Status.COMPLETE if verified and in_time else Status.NOT_VALIDATED
-    steps = max(len(candidate.path) for candidate in candidates)
-    paths = [np.pad(c.path, (0, steps - len(c.path)), mode="edge") for c in candidates]
+    times, raised, higher = _simulate_raised(best, problem, intensities, problem.raise_by)
+    *_, lower = _simulate_raised(best, problem, intensities, -problem.raise_by)
+    if problem.seeks_pulses:
+        verified = bool(higher.overturned & ~lower.overturned)
+    else:
+        verified = overturns or float(lower.peak_rotation) <= peak <= higher.peak_rotation
+    in_time = (np.diff(times) >= problem.spacing * (1 - 1e-9)).all()
+    verified &= bool(in_time and times[-1] <= problem.latest)
+    status = Status.COMPLETE if verified else Status.NOT_VALIDATED
     return WorstTrain(
         times=times,
         intensities=raised,
-        impacts_between=np.append(0, impacts),
-        delays=outcome.delays[:count],
+        impacts_between=np.asarray(outcome.impacts, int),
+        delays=np.asarray(outcome.delays),
         largest=float(abs(intensities).max()),
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
         overturns=overturns,
-        status=status if searched else Status.NOT_CONVERGED,
+        status=status if best.ended else Status.NOT_CONVERGED,
         objectives=np.where(np.isfinite(losses), objectives, np.nan),
-        history=np.array(paths) * (unit if problem.seeks_pulses else 1),
-        goal=problem.goal,
+        goal=goal,
     )
 
 
-def _verify(
-    best: Candidate, problem: TrainProblem, intensities: np.ndarray, peak: float
-) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Time and raise the pulses, and check whether the train then does as it should.
+def _simulate_raised(
+    best: Candidate, problem: TrainProblem, intensities: np.ndarray, by: float
+) -> tuple[np.ndarray, np.ndarray, TrainResponse]:
+    """Simulate the train in time, raised by a fraction; return its times and intensities too.
 
-    Simulated in time, the train must overturn the block if raised a little, and must not if
-    lowered a little; where the most rotation is sought, the two peaks must enclose the peak. Each
-    train is timed by its own impacts, which come later in a stronger train: a pulse on the wrong
-    side of an impact acts the other way. Return the times and intensities of the raised train.
-    The times have a margin: they are a little later where a pulse comes right after an impact, a
-    little earlier where it comes right before.
+    It is timed by its own impacts, which come later in a stronger train: a pulse on the wrong
+    side of an impact acts the other way. So pulses come a little later where they follow an
+    impact, a little earlier where they precede one.
     """
-    # By how much the intensities are raised: half of the digits, but no less than 1e-6, since a
-    # simulation in time computes the same train in another way.
-    raise_by = max(1e-6, problem.eps**0.5)
-    before_impact = best.phases[: best.used] > 0.5
-
-    def compute_times(raised: float) -> np.ndarray:
-        """Compute when the pulses of the train come if it is raised by exp(`raised`)."""
-        return np.asarray(best.compute_outcome(problem, raised).times)[: best.used]
-
-    def simulate_raised(
-        by: float, margin: float
-    ) -> tuple[np.ndarray, np.ndarray, TrainResponse]:
-        """Simulate the train raised by a fraction, its pulses off the impacts by a margin."""
-        # The margin is a fraction of the strength, too: a stronger train has its impacts later.
-        times = np.where(before_impact, compute_times(by - margin), compute_times(by + margin))
-        times = np.maximum.accumulate(times)
-        raised = (intensities * (1 + by)).astype(times.dtype)
-        response = follow_timed_train(problem.rocker, jnp.asarray(times), jnp.asarray(raised))
-        return times, raised, response
-
-    # The smallest margin with which the train does as it should.
-    times = raised = np.zeros(0)
-    verified = False
-    for margin in (1e-4 * raise_by, 1e-3 * raise_by, 1e-2 * raise_by, 1e-1 * raise_by):
-        times, raised, higher = simulate_raised(raise_by, margin)
-        *_, lower = simulate_raised(-raise_by, margin)
-        verified = bool(higher.overturned)
-        if problem.seeks_pulses:
-            verified &= not lower.overturned
-        elif not math.isnan(peak):
-            verified = float(lower.peak_rotation) <= peak <= float(higher.peak_rotation)
-        if verified:
-            break
-    return times, raised, verified
+    before, after = (
+        evaluate(best, problem, by + sign * problem.margin).outcome.times for sign in (-1, 1)
+    )
+    times = np.maximum.accumulate(np.where(best.phases > 0.5, before, after))
+    raised = intensities * (1 + by)
+    dtype = problem.rocker.restitution.dtype
+    response = follow_timed_train(
+        problem.rocker, jnp.asarray(times, dtype), jnp.asarray(raised, dtype)
+    )
+    return times, raised, response

@@ -19,7 +19,6 @@ from .domains import AT_LEAST_ONE as AT_LEAST_ONE
 from .domains import BELOW_ONE as BELOW_ONE
 from .domains import COUNT as COUNT
 from .domains import FINITE as FINITE
-from .domains import GROWTH as GROWTH
 from .domains import NON_NEGATIVE as NON_NEGATIVE
 from .domains import POSITIVE as POSITIVE
 from .domains import RIGHT_ANGLE as RIGHT_ANGLE

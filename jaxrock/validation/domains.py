@@ -38,7 +38,6 @@ BELOW_ONE = Domain("at least 0 and less than 1", lambda x: (x >= 0) & (x < 1), 0
 COUNT = Domain(
     "a whole number from 1 on, or inf", lambda x: (x >= 1) & (x == jnp.floor(x)), 1.0
 )
-GROWTH = Domain("at least 0", lambda x: x >= 0, 0.0)
 
 
 # A field specifier of a dataclass has to pass for a value of any field: hence `Any`.

@@ -259,7 +259,6 @@ CASES = {
     "pulsed_phase": Case(lambda: called(phase()), (3, 5)),
     "critical_pulsed_amplitude": Case(lambda: called(pulsed()), (5, 8)),
     "worst_train": Case(lambda: called(of_wall("worst_train", 3)), same(3), same(0.3)),
-    "timing_costs": Case(lambda: called(of_wall("timing_costs", 3)), same(2), same(0.1)),
     "sensitivities": Case(
         lambda: of_scene("sensitivities", "rotation_ratio"), following=same(0.01)
     ),

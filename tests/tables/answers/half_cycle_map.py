@@ -142,16 +142,11 @@ def invert_nonlinear():
     yield from invert_all(usual_scenes(), MODELS[1])
 
 
-@group("resonance/oscillator", by_default=True)
-def answer_of_oscillators():
+@group("resonance/damping", by_default=True)
+def answer_equivalent_damping():
     c = spread(0.1, 0.95, 5)
-    for name in ("damping_from_decay", "equivalent_damping", "equivalent_damping_as_printed"):
-        yield name, getattr(jr.resonance, name)(c)
-    oscillator = jr.resonance.Oscillator(spread(1.0, 8.0, 1), spread(0.01, 0.5, 7))
-    yield from list_fields(oscillator, "damped_frequency velocity_decay amplification")
-    yield "peak_displacement", oscillator.peak_displacement(0.2)
-    yield "motion", jnp.stack(oscillator.motion(0.2, 0.3))
-    yield "half_cycle_velocity", oscillator.half_cycle_velocity(0.2, 4.0)
+    yield "equivalent_damping", jr.resonance.equivalent_damping(c)
+    yield "equivalent_damping_as_printed", jr.resonance.equivalent_damping(c, as_printed=True)
 
 
 @group("resonance/derivatives_linearized", 1e-11, by_default=True)

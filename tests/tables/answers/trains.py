@@ -63,5 +63,3 @@ def search_worst():
         worst = jr.worst_train(block, 0.7, 3, starts=4, seed=1, **options)
         names = "times intensities largest total peak_rotation overturns"
         yield from list_fields(worst, names, f"{name}/")
-    costs = jr.resonance.timing_costs(block, 0.7, 3)
-    yield "timing_costs", list(costs.values()), 1e-9
