@@ -25,7 +25,6 @@ from .motion_to_event import (
     TOPPLED,
     Integration,
     State,
-    add_forces_since,
     move_to_event,
 )
 from .packed_loop import repeat_packed
@@ -208,24 +207,15 @@ def _step_to_event(integration: Integration, before: State) -> State:
     latest = driven.duration - motion.time_rounding(driven.duration)
     for edge in (motion.end, motion.start):
         stop = jnp.where((edge > before.time) & (edge < latest), edge, stop)
-    never = jnp.array(False)
-    state, waited = jax.lax.switch(
+    state = jax.lax.switch(
         jnp.where(begins, 0, jnp.where(before.phase == REST, 1, 2)),
         [
-            lambda state: (_start(integration, state), never),
-            lambda state: (_wait(integration, state, stop), ~never),
+            lambda state: _start(integration, state),
+            lambda state: _wait(integration, state, stop),
             lambda state: move_to_event(integration, state, stop),
         ],
         before,
     )
-    # A block that the input lifts at once rotates from then on: after a wait of length 0 no
-    # forces of a block at rest are added.
-    forces = jax.lax.cond(
-        waited & (state.time > before.time),
-        lambda: add_forces_since(integration, state, before.time, acts),
-        lambda: state.forces,
-    )
-    state = state._replace(forces=forces)
     state = _add_saltation(integration, state, acts & ~begins)
     # The overturning criterion is read in the initial state, and again where the input ends:
     # from then on energy says whether the block overturns. A block that topples before has its
@@ -269,12 +259,22 @@ def _wait(integration: Integration, state: State, stop: Reals) -> State:
     # A block that is not lifted at once stays at rest, whatever derivatives its initial state
     # has: these become 0, and no value changes. Else they are of the lifted side.
     turns = jnp.where(until > state.time, 0, side * state.side)
+    forces = state.forces
+    if forces is not None:
+        demand, normal = integration.uplifts.find_force_extremes(state.time, until, acts)
+        # Where nothing presses any longer, the input also lifts the block, which ends the wait.
+        loss_time = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
+        # A block that the input lifts at once rotates from then on: none are added.
+        waits = until > state.time
+        added = forces.combine(demand, normal, loss_time)
+        forces = jax.tree.map(lambda new, old: jnp.where(waits, new, old), added, forces)
     return state._replace(
         time=until,
         rotation=turns * state.rotation,
         velocity=turns * state.velocity,
         side=jnp.where(lifted, side, state.side),
         phase=jnp.where(lifted, RISING, REST),
+        forces=forces,
     )
 
 

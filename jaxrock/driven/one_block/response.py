@@ -18,7 +18,7 @@ from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from ..scene import Driven
 from .segment_integration import integrate_segment
-from .solver_steps import Segment, Stepper
+from .solver_steps import Segment, Stepper, begin_segment
 
 if TYPE_CHECKING:
     import xarray
@@ -255,7 +255,10 @@ def _compute_history(
         segment = Segment(equation, driven.motion, event.time, event.side, acts)
         length = jnp.where(moves, time - event.time, 0)
         y = jnp.stack([event.rotation, event.velocity])
-        end = integrate_segment(stepper, segment, length, y, moves=moves, lifted=lifted)
+        beginning = begin_segment(segment, length, y)
+        end = integrate_segment(
+            stepper, segment, length, y, beginning, moves=moves, lifted=lifted
+        )
         known = inside & (end.elapsed >= length)
         rotation, velocity = (
             jnp.where(known, event.side * part + 0.0, jnp.nan) for part in end.y
