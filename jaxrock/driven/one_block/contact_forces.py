@@ -47,10 +47,25 @@ def friction_demand(horizontal: Reals, normal: Reals) -> Reals:
     return jnp.where(presses, jnp.abs(horizontal) / jnp.where(presses, normal, 1), jnp.inf)
 
 
+class _Round(NamedTuple):
+    """What is known after some rounds over the shares of a step."""
+
+    number: Integers
+    extremes: Reals  # largest friction demand and smallest normal force, negative
+    shares: Reals  # (2, nodes): of the next round and, after the nodes, of the one behind it
+    bracket: Reals  # the share at which the loss of contact may begin, and the width from there
+    matters: Booleans  # whether the step may change the extremes so far
+
+
 def add_step(
     extremes: ForceExtremes, segment: Segment, arc: Arc, counts: Booleans
 ) -> ForceExtremes:
     """Combine the extremes so far with the extremes in a step, if that counts.
+
+    The extremes are sought at nodes, and at the vertex of the parabola through each three
+    successive nodes, once for the demand and once for the normal force. The loss time lies
+    before the first node without a normal force, or where this is smallest; that interval is
+    divided again and again.
 
     Parameters
     ----------
@@ -61,41 +76,6 @@ def add_step(
     counts : Array of bool
         Whether the step counts; a step that is rejected or repeated does not.
     """
-    # Most steps come nowhere near the extremes so far, which values at nodes show: between
-    # nodes the forces exceed those values by much less than half their spread.
-    fixed, (demand, least, _) = jax.lax.stop_gradient(((segment, arc), extremes))
-    horizontal, normal = _compute_forces(*fixed, jnp.asarray(_NODES, arc.y.dtype))
-    # The demand is compared as a product, demand times normal force, since the quotient may be
-    # infinite. Once it is, nothing can exceed it.
-    finite = demand < jnp.inf
-    slides = jnp.abs(horizontal) - jnp.where(finite, demand, 0) * normal
-    steeper = finite & (1.5 * slides.max() - 0.5 * slides.min() >= 0)
-    lighter = 1.5 * normal.min() - 0.5 * normal.max() <= least
-    return jax.lax.cond(
-        counts & (steeper | lighter),
-        lambda: extremes.combine(*_find_extremes(segment, arc)),
-        lambda: extremes,
-    )
-
-
-class _Round(NamedTuple):
-    """What is known after some rounds over the shares of a step."""
-
-    number: Integers
-    extremes: Reals  # largest friction demand and smallest normal force, negative
-    shares: Reals  # of the next round
-    vertices: Reals  # at which the normal force may be extreme
-    bracket: Reals  # the share at which the loss of contact may begin, and the width from there
-
-
-def _find_extremes(segment: Segment, arc: Arc) -> tuple[Reals, Reals, Reals]:
-    """Find the largest friction demand, smallest normal force and loss time within a step.
-
-    They are sought at nodes, and at the vertex of the parabola through each three successive
-    nodes, once for the demand and once for the normal force. The loss time, without derivative,
-    lies before the first node without a normal force, or where this is smallest; that interval
-    is divided again and again.
-    """
     nodes = jnp.asarray(_NODES, arc.y.dtype)
     # In the shortest steps, which change nothing, the quintic's velocity between the ends is a
     # quotient of rounding errors: only their ends count. A step is short if p times its length
@@ -103,51 +83,68 @@ def _find_extremes(segment: Segment, arc: Arc) -> tuple[Reals, Reals, Reals]:
     eps = float(jnp.finfo(nodes.dtype).eps)
     scaled_length = (arc.end - arc.begin) * jnp.sqrt(segment.equation.p_squared)
     long = eps**0.5 * jnp.abs(arc.y[0]) <= scaled_length
-    counts = long | (nodes == 0) | (nodes == 1)
+    used = long | (nodes == 0) | (nodes == 1)
 
     def goes_on(state: _Round) -> Booleans:
-        lost = state.extremes[1] >= 0
-        return state.number < _ROUNDS + jnp.where(lost, _LOSS_ROUNDS - 1, 0)
+        most = _ROUNDS + jnp.where(state.extremes[1] >= 0, _LOSS_ROUNDS - 1, 0)
+        return counts & (state.number < jnp.where(state.matters, most, 1))
 
     def look(state: _Round) -> _Round:
-        number, extremes, shares, vertices, (share, width) = state
+        number, before, (shares, following), bracket, matters = state
         horizontal, normal = _compute_forces(segment, arc, shares)
+        begins = number == 0
         # Not `max`: its derivative divides by the number of elements equal to the maximum, which
         # is 0 if XLA has recomputed them with different rounding.
-        largest = pick_largest(
-            jnp.where(counts, jnp.stack([friction_demand(horizontal, normal), -normal]), -jnp.inf)
-        )
-        extremes = jnp.where(number < _ROUNDS, pick_larger(extremes, largest), extremes)
-        # The angle of the force is smooth where the normal force vanishes, the demand is not.
-        curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
-        slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
-        curvature = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
-        vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1) * nodes[1]
-        refined = nodes + jnp.pad(vertex, ((0, 0), (1, 1)))
+        forces = jnp.stack([friction_demand(horizontal, normal), -normal])
+        largest = pick_larger(before, pick_largest(jnp.where(used, forces, -jnp.inf)))
+        # Most steps come nowhere near the extremes so far, which values at nodes show: between
+        # nodes the forces exceed those values by much less than half their spread. The demand
+        # is compared as a product, demand times normal force, since the quotient may be
+        # infinite. Once it is, nothing can exceed it.
+        finite = extremes.demand < jnp.inf
+        slides = jnp.abs(horizontal) - jnp.where(finite, extremes.demand, 0) * normal
+        steeper = finite & (1.5 * slides.max() - 0.5 * slides.min() >= 0)
+        lighter = 1.5 * normal.min() - 0.5 * normal.max() <= extremes.normal
+        matters = jnp.where(begins, steeper | lighter, matters)
+
         first = jnp.argmin(jnp.maximum(normal, 0))
-        narrows = (number == 0) | (number >= _ROUNDS)
-        narrowed = jnp.stack([shares[jnp.maximum(first - 1, 0)], width * nodes[1]])
-        bracket = jnp.where(narrows, narrowed, state.bracket)
+        narrowed = jnp.stack([shares[jnp.maximum(first - 1, 0)], bracket[1] * nodes[1]])
+        bracket = jnp.where(begins | (number >= _ROUNDS), narrowed, bracket)
         divided = bracket[0] + bracket[1] * nodes
-        following = jnp.where(number == 0, refined[0], jnp.where(number == 1, vertices, divided))
-        vertices = jnp.where(number == 0, refined[1], vertices)
-        return _Round(number + 1, extremes, following, vertices, bracket)
+        shares = jax.lax.cond(
+            begins & matters,
+            lambda: _find_vertices(horizontal, normal),
+            lambda: jnp.stack([jnp.where(number == 1, following, divided), following]),
+        )
+        largest = jnp.where(number < _ROUNDS, largest, before)
+        return _Round(number + 1, largest, shares, bracket, matters)
 
     none = jnp.array([0, -jnp.inf], nodes.dtype)
-    begin = _Round(jnp.zeros((), int), none, nodes, nodes, nodes[:: nodes.size - 1])
-    _, (demand, normal), _, _, bracket = jax.lax.while_loop(goes_on, look, begin)
+    whole = jnp.array([0, 1], nodes.dtype)
+    begin = _Round(jnp.zeros((), int), none, jnp.stack([nodes, nodes]), whole, jnp.array(False))
+    _, (demand, lightness), _, bracket, _ = jax.lax.while_loop(goes_on, look, begin)
     time = segment.origin + arc.begin + bracket.sum() * (arc.end - arc.begin)
-    loss_time = jnp.where(normal < 0, jnp.inf, jax.lax.stop_gradient(time))
-    return demand, -normal, loss_time
+    loss_time = jnp.where(lightness < 0, jnp.inf, jax.lax.stop_gradient(time))
+    return extremes.combine(demand, -lightness, loss_time)
 
 
-@jax.jit
+def _find_vertices(horizontal: Reals, normal: Reals) -> Reals:
+    """Find where parabolas through each three nodes are extreme: shares, of both forces."""
+    # The angle of the force is smooth where the normal force vanishes, the demand is not.
+    curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
+    slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
+    curvature = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
+    vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1)
+    return _NODES.astype(normal.dtype) + _NODES[1] * jnp.pad(vertex, ((0, 0), (1, 1)))
+
+
 def _compute_forces(segment: Segment, arc: Arc, shares: Reals) -> tuple[Reals, Reals]:
     """Compute horizontal and normal force over weight at shares of a step."""
     # At the ends the states themselves, which rounding would not give back.
-    inside = jnp.stack(arc.interpolate(shares))
-    at_end = jnp.where(shares == 1, arc.last[:, None], inside)
-    rotation, velocity = jnp.where(shares == 0, arc.y[:, None], at_end)
+    rotation, velocity = (
+        jnp.where(shares == 0, first, jnp.where(shares == 1, last, inside))
+        for first, last, inside in zip(arc.y, arc.last, arc.interpolate(shares), strict=True)
+    )
 
     # The forces are mass times the acceleration of the centre of mass. That is at the distance
     # R from the edge on which the block turns, with p^2 R / g = 3 / 4 for a rectangle, and in
@@ -160,7 +157,7 @@ def _compute_forces(segment: Segment, arc: Arc, shares: Reals) -> tuple[Reals, R
     radius_over_g = (
         0.75 / equation.p_squared * (RECTANGLE_INERTIA_RATIO / equation.inertia_ratio)
     )
-    sine, cosine = radius_over_g * jnp.stack([jnp.sin(tilt), jnp.cos(tilt)])
+    sine, cosine = radius_over_g * jnp.sin(tilt), radius_over_g * jnp.cos(tilt)
     square = velocity**2
     return (
         cosine * acceleration + sine * square - push,

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.experimental.xla_metadata import set_xla_metadata
+from jaxtyping import PyTree
 
 from ...host import Status
 from ...numerics import differentiate_by_jacobian, pick_smaller
@@ -120,6 +122,27 @@ def follow_driven(
 
 # Compiled once for all tolerances, with derivatives in both modes.
 follow_driven_jitted = eqx.filter_jit(differentiate_by_jacobian(follow_driven))
+
+
+@eqx.filter_jit
+def follow_concrete(driven: Driven, **options: object) -> FollowedMotion:
+    """Follow a block of concrete numbers on a processor, as `follow_driven` does.
+
+    XLA makes one function of all. By itself it makes one of each small computation before and
+    after the loop, which would take it a third of the time of the first call.
+    """
+    arrays, static = eqx.partition((driven, options), eqx.is_array)
+
+    @jax.jit
+    def follow(arrays: PyTree) -> tuple[FollowedMotion, PyTree]:
+        # The attributes are those of the call, not of what is in it.
+        with set_xla_metadata(inlineable=None, xla_cpu_small_call=None):
+            driven, options = eqx.combine(arrays, static)
+            # All arguments are returned as well: at one that is not used XLA breaks off.
+            return follow_driven(driven, **options), arrays
+
+    with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
+        return follow(arrays)[0]
 
 
 def _make_first_state(dtype: jnp.dtype, valid: Booleans, with_forces: bool) -> State:

@@ -23,7 +23,7 @@ from ...validation import (
     unify_precision,
 )
 from ..scene import Driven
-from .event_loop import follow_driven_jitted
+from .event_loop import follow_concrete, follow_driven_jitted
 from .response import Response
 
 _SOLVERS = "Tsit5", "Dopri5", "Dopri8"
@@ -171,7 +171,9 @@ class _Settings(NamedTuple):
 
 def _follow(driven: Driven, settings: _Settings, max_impacts: int) -> Response:
     """Follow a block with lists of a length, by the compiled program."""
-    return follow_driven_jitted(driven, **settings._asdict(), max_impacts=max_impacts).response
+    on_processor = not is_traced(driven) and jax.default_backend() == "cpu"
+    follow = follow_concrete if on_processor else follow_driven_jitted
+    return follow(driven, **settings._asdict(), max_impacts=max_impacts).response
 
 
 def _check_scalar(driven: Driven) -> None:

@@ -205,11 +205,9 @@ def _advance(
             lambda: _reach_event(segment, event_functions, arc, event, values, may_reach, forced),
             lambda: (reached, arc),
         )
-        bracket_end = jax.lax.cond(
-            detected & ~reached,
-            lambda: _bracket_event(event_functions, tried),
-            lambda: arc.end,
-        )
+        misses = detected & ~reached
+        bracket_end = _bracket_event(event_functions, tried, misses)
+        bracket_end = jnp.where(misses, bracket_end, arc.end)
     done = (advances & (end >= length)) | reached
     repetitions = jnp.where((repeats | detected) & ~reached, before.repetitions + 1, 0)
 
@@ -245,8 +243,11 @@ def _advance(
     )
 
 
-def _bracket_event(event_functions: EventFunctions, arc: Arc) -> Reals:
-    """Bracket the event in a step by bisection on its interpolant; return the later end."""
+def _bracket_event(event_functions: EventFunctions, arc: Arc, misses: Booleans) -> Reals:
+    """Bracket the event in a step by bisection on its interpolant; return the later end.
+
+    Only if `misses`: otherwise the end of the step is returned.
+    """
     # Derivatives of a bisection mean nothing; the refinements bring the right ones.
     event_functions, arc = jax.lax.stop_gradient((event_functions, arc))
     limits = jnp.finfo(arc.end.dtype)
@@ -254,7 +255,8 @@ def _bracket_event(event_functions: EventFunctions, arc: Arc) -> Reals:
     smallest = float(limits.tiny) / float(limits.eps)
 
     def is_wide(bracket: tuple[Reals, Reals]) -> Booleans:
-        return bracket[1] - bracket[0] > _BRACKET_WIDTH * jnp.maximum(bracket[1], smallest)
+        width = _BRACKET_WIDTH * jnp.maximum(bracket[1], smallest)
+        return misses & (bracket[1] - bracket[0] > width)
 
     def halve(bracket: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
         middle = 0.5 * (bracket[0] + bracket[1])
