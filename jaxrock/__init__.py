@@ -31,7 +31,10 @@ import lazy_loader
 _find, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
-_MOVED = {"dynamics": "divided into jaxrock.driven and jaxrock.steady"}  # since 0.3.0
+_MOVED = {
+    "dynamics": "divided into jaxrock.driven and jaxrock.steady",  # since 0.3.0
+    "DrivenScene": "now a tuple (block, restitution, motion)",
+}
 
 
 def __getattr__(name: str) -> object:

@@ -237,7 +237,6 @@ CALLS = {
 
 # What computes nothing, or is not called here, and why.
 LEFT_OUT = {
-    "DrivenScene": "holds numbers",
     "Scene": "holds numbers",
     "Assessment": "holds numbers",
     "CriticalValues": "holds numbers",

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..driven import DrivenScene, respond, respond_batch
+from ..driven import DrivenArguments, DrivenScene, respond, respond_batch
 from ..ground_motion import HalfSine, Pulse, Rectangular
 from ..host import make_dataset, show_progress
 from ..impact import count_half_cycles
@@ -59,14 +59,15 @@ _DEFAULTS = (  # of the functions that compute so, in arrays where these are fas
 
 
 def measure_tradeoff(
-    scene: Scene | DrivenScene | None = None, *, repeats: int = 15
+    scene: Scene | DrivenArguments | None = None, *, repeats: int = 15
 ) -> "xarray.Dataset":
     """Measure the error and the time of every combination of level, solver and precision.
 
     Parameters
     ----------
-    scene : Scene or DrivenScene, optional
-        A single scene. By default a block under a short half-sine pulse.
+    scene : Scene or tuple, optional
+        A single scene, or the block, restitution and motion of `respond`. By default a block
+        under a short half-sine pulse.
     repeats : int
         Number of times that each setting is timed, after compilation.
 
@@ -88,15 +89,17 @@ def measure_tradeoff(
     Notes
     -----
     The error is the largest over eight scenes whose sizes differ by up to 5 %. It is the
-    error of rotation ratio and period for a `Scene`, and of the peak rotation for a
-    `DrivenScene`. A single pulse that changes the ground velocity is also treated as
+    error of rotation ratio and period for a `Scene`, and of the peak rotation under a
+    motion. A single pulse that changes the ground velocity is also treated as
     instantaneous, in closed form. Progress is shown if standard error is a terminal.
     """
     if jnp.result_type(float) != jnp.float64:
         raise ValueError("JAX must be set to 64 bits, which are the reference, got 32 bits")
     check("repeats", repeats, AT_LEAST_ONE)
     if scene is None:  # a pulse so short that every level of fidelity can tell of it
-        scene = DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01))
+        scene = Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01)
+    if isinstance(scene, tuple):
+        scene = DrivenScene(*scene)
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((scene.block, scene.restitution))):
         raise ValueError("scene must be a single scene, got arrays of numbers")
     # The truth first: a scene that does not rock is refused before anything else compiles.
@@ -160,7 +163,7 @@ def _compute_sample(setting: Setting, scene: Scene | DrivenScene) -> np.ndarray:
 def _compute_answer(
     setting: Setting, duration: float, scene: Scene | DrivenScene
 ) -> Reals | np.ndarray:
-    """Compute rotation ratio and period of a `Scene`, or peak rotation of a `DrivenScene`."""
+    """Compute rotation ratio and period of a `Scene`, or peak rotation under a motion."""
     if setting.level not in ("batch", "adaptive"):
         return _compute_closed_form(scene, as_model(setting.level))
     if isinstance(scene, DrivenScene):

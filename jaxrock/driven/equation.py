@@ -95,7 +95,7 @@ class Equation(eqx.Module):
         """
         tilt = self.critical_angle - rotation
         sine, cosine = (tilt, 1.0) if self.linearized else (jnp.sin(tilt), jnp.cos(tilt))
-        bent = not self.linearized
+        bent = 0.0 if self.linearized else 1.0
         weight = lift + np.array([1.0, 0, 0], lift.dtype)
         # The right-hand side and its slope over the rotation, for each derivative of the input.
         values = (cosine * push - sine * weight) * self.p_squared

@@ -6,7 +6,6 @@ import numpy as np
 
 from ..block import Block
 from ..ground_motion import Motion
-from ..host import Printed, format_number, format_outside
 from ..impact import read_restitution
 from ..validation import (
     FINITE,
@@ -23,26 +22,12 @@ from ..validation import (
 )
 
 
-class DrivenScene(Printed, Checked):
-    """A block, its coefficient of restitution and a ground motion.
+# What `respond` takes first, where a function takes either this or a scene of pulses.
+DrivenArguments = tuple[Block, Number, Motion]
 
-    Parameters
-    ----------
-    block : Block
-    restitution : array_like
-        C, velocity after an impact over velocity before it [-], between 0 and 1; of a one-sided
-        block its magnitude counts.
-    motion : Motion
-        A pulse, a `Harmonic` or a `Record`.
 
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> print(jr.DrivenScene(jr.Block(0.1, 5.0), 0.9, jr.Sine(amplitude=4.0, duration=0.5)))
-    half-width 0.1 m, slenderness 5, gravity 9.81 m/s2
-    restitution 0.9
-    one-sine pulse of 4 m/s2, duration 0.5 s, from 0 s on
-    """
+class DrivenScene(Checked):
+    """A block, its coefficient of restitution and a ground motion."""
 
     block: Block
     restitution: Reals = quantity(UNIT_INTERVAL, "")
@@ -53,10 +38,6 @@ class DrivenScene(Printed, Checked):
         self.block = block
         self.restitution = read_restitution(block, restitution)
         self.motion = motion
-
-    def __str__(self) -> str:
-        text = f"{self.block}\nrestitution {format_number(self.restitution)}\n{self.motion}"
-        return format_outside(self) or text
 
 
 # A block that lies on its side has turned by pi / 2. In single precision that is rounded up to

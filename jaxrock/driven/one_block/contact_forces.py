@@ -53,7 +53,9 @@ class _Round(NamedTuple):
     number: Integers
     extremes: Reals  # largest friction demand and smallest normal force, negative
     shares: Reals  # (2, nodes): of the next round and, after the nodes, of the one behind it
-    bracket: Reals  # the share at which the loss of contact may begin, and the width from there
+    bracket: (
+        Reals  # the share at which the loss of contact may begin, and the width from there
+    )
     matters: Booleans  # whether the step may change the extremes so far
 
 
@@ -96,7 +98,7 @@ def add_step(
         # Not `max`: its derivative divides by the number of elements equal to the maximum, which
         # is 0 if XLA has recomputed them with different rounding.
         forces = jnp.stack([friction_demand(horizontal, normal), -normal])
-        largest = pick_larger(before, pick_largest(jnp.where(used, forces, -jnp.inf)))
+        largest = pick_larger(before, pick_largest(jnp.where(used[None], forces, -jnp.inf)))
         # Most steps come nowhere near the extremes so far, which values at nodes show: between
         # nodes the forces exceed those values by much less than half their spread. The demand
         # is compared as a product, demand times normal force, since the quotient may be
@@ -121,7 +123,9 @@ def add_step(
 
     none = jnp.array([0, -jnp.inf], nodes.dtype)
     whole = jnp.array([0, 1], nodes.dtype)
-    begin = _Round(jnp.zeros((), int), none, jnp.stack([nodes, nodes]), whole, jnp.array(False))
+    begin = _Round(
+        jnp.zeros((), int), none, jnp.stack([nodes, nodes]), whole, jnp.array(False)
+    )
     _, (demand, lightness), _, bracket, _ = jax.lax.while_loop(goes_on, look, begin)
     time = segment.origin + arc.begin + bracket.sum() * (arc.end - arc.begin)
     loss_time = jnp.where(lightness < 0, jnp.inf, jax.lax.stop_gradient(time))
@@ -135,7 +139,8 @@ def _find_vertices(horizontal: Reals, normal: Reals) -> Reals:
     slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
     curvature = curves[:, 2:] - 2 * curves[:, 1:-1] + curves[:, :-2]
     vertex = jnp.clip(-slope / jnp.where(curvature == 0, 1, curvature), -1, 1)
-    return _NODES.astype(normal.dtype) + _NODES[1] * jnp.pad(vertex, ((0, 0), (1, 1)))
+    nodes = jnp.asarray(_NODES, normal.dtype)
+    return nodes[None] + nodes[1] * jnp.pad(vertex, ((0, 0), (1, 1)))
 
 
 def _compute_forces(segment: Segment, arc: Arc, shares: Reals) -> tuple[Reals, Reals]:

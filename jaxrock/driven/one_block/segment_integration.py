@@ -202,7 +202,9 @@ def _advance(
         forced = before.repetitions >= _REPETITIONS
         reached, arc = jax.lax.cond(
             repeats | detected,
-            lambda: _reach_event(segment, event_functions, arc, event, values, may_reach, forced),
+            lambda: _reach_event(
+                segment, event_functions, arc, event, values, may_reach, forced
+            ),
             lambda: (reached, arc),
         )
         misses = detected & ~reached

@@ -75,7 +75,10 @@ class Arc(NamedTuple):
         """
         # In units of the step: `drift` is the first derivative, `bend` half the second one.
         step = self.end - self.begin
-        (drift, curvature), (last_drift, last_curvature) = step * self.rates, step * self.last_rates
+        (drift, curvature), (last_drift, last_curvature) = (
+            step * self.rates,
+            step * self.last_rates,
+        )
         bend = 0.5 * step * curvature
         # The parabola from the beginning, with a term in s^3, s^4 and s^5 for its errors at the
         # end: of the rotation, of the first derivative, and of half the second one.
@@ -159,7 +162,9 @@ class Beginning(NamedTuple):
 
     rates: Reals  # of rotation and velocity
     step: Reals  # bound of the first step, in which the input is smooth
-    accelerations: tuple[Reals, Reals, Reals]  # at its beginning, middle and end, if nothing moved
+    accelerations: tuple[
+        Reals, Reals, Reals
+    ]  # at its beginning, middle and end, if nothing moved
 
 
 def begin_segment(segment: Segment, length: Reals, y: Reals) -> Beginning:

@@ -145,7 +145,9 @@ def _count_until(knots: Reals, time: Reals) -> Integers:
 # Jitted, so that it enters the program once for each shape of its arguments, however often it
 # is called.
 @jax.jit
-def _rest(equation: Equation, motion: Motion, time: Reals) -> tuple[Reals, Reals, Reals, Reals]:
+def _rest(
+    equation: Equation, motion: Motion, time: Reals
+) -> tuple[Reals, Reals, Reals, Reals]:
     """Describe a block at rest.
 
     Returns
