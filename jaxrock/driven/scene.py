@@ -21,7 +21,6 @@ from ..validation import (
     quantity,
 )
 
-
 # What `respond` takes first, where a function takes either this or a scene of pulses.
 DrivenArguments = tuple[Block, Number, Motion]
 

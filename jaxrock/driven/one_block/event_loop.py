@@ -68,8 +68,7 @@ def follow_driven(
     """
     # State of the loop | What is known                      | What happens next
     # ------------------|------------------------------------|---------------------------------
-    # no event yet      | the arguments                      | `_start`: the initial state, on
-    #                   |                                    |   a side, is the first event
+    # no event yet      | the initial state                  | it is the first event
     # REST              | the block stands on both edges     | `_wait`: until the input lifts
     #                   |                                    |   it (RISING), or to an edge of
     #                   |                                    |   the input (REST again)
@@ -109,7 +108,7 @@ def follow_driven(
             lists = _log_event(before, state, lists, max_impacts)
         return state, lists
 
-    first = _make_first_state(dtype, valid, with_forces)
+    first = _make_first_state(driven, equation, valid, with_forces)
     # The last row of each list is for what has no place.
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
@@ -145,24 +144,32 @@ def follow_concrete(driven: Driven, **options: object) -> FollowedMotion:
         return follow(arrays)[0]
 
 
-def _make_first_state(dtype: jnp.dtype, valid: Booleans, with_forces: bool) -> State:
-    """Make the state before the first event, which `_start` fills in."""
-    zero = jnp.zeros((), dtype)
+def _make_first_state(
+    driven: Driven, equation: Equation, valid: Booleans, with_forces: bool
+) -> State:
+    """Put the block into its initial state, on the side to which it is rotated or moves."""
+    towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
+    side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
+    rotation = side * driven.rotation
+    velocity = side * driven.velocity
+    phase = jnp.where(velocity < 0, FALLING, RISING)
+    phase = jnp.where((rotation == 0) & (velocity == 0), REST, phase)
+    zero = jnp.zeros_like(rotation)
     none = jnp.zeros((), int)
     infinite = jnp.full_like(zero, jnp.inf)
     return State(
         time=zero,
-        side=zero,
-        rotation=zero,
-        velocity=zero,
-        phase=none,
+        side=side,
+        rotation=rotation,
+        velocity=velocity,
+        phase=jnp.where(rotation >= TOPPLED_ROTATION, TOPPLED, phase),
         events=none,
         impacts=none,
         forces=ForceExtremes(zero, infinite, infinite) if with_forces else None,
-        last_impact=jnp.zeros(2, dtype),
-        peak=zero,
+        last_impact=jnp.stack([zero, zero]),
+        peak=rotation,
         peak_time=zero,
-        crossing=zero,
+        crossing=jnp.where(rotation >= equation.critical_angle, zero, jnp.nan),
         margin=zero,
         # Where an argument is not allowed, the first event is also the last one.
         failed=~valid,
@@ -233,7 +240,7 @@ def _step_to_event(integration: Integration, before: State) -> State:
     state = jax.lax.switch(
         jnp.where(begins, 0, jnp.where(before.phase == REST, 1, 2)),
         [
-            lambda state: _start(integration, state),
+            lambda state: state,
             lambda state: _wait(integration, state, stop),
             lambda state: move_to_event(integration, state, stop),
         ],
@@ -251,26 +258,6 @@ def _step_to_event(integration: Integration, before: State) -> State:
     )
     margin = jnp.where(reads, pick_smaller_margin(*margins), state.margin)
     return state._replace(margin=margin, events=before.events + 1)
-
-
-def _start(integration: Integration, state: State) -> State:
-    """Put the block into its initial state, on the side to which it is rotated or moves."""
-    driven = integration.driven
-    towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
-    side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
-    rotation = side * driven.rotation
-    velocity = side * driven.velocity
-    phase = jnp.where(velocity < 0, FALLING, RISING)
-    phase = jnp.where((rotation == 0) & (velocity == 0), REST, phase)
-    crossed = rotation >= integration.equation.critical_angle
-    return state._replace(
-        side=side,
-        rotation=rotation,
-        velocity=velocity,
-        phase=jnp.where(rotation >= TOPPLED_ROTATION, TOPPLED, phase),
-        peak=rotation,
-        crossing=jnp.where(crossed, state.time, jnp.nan),
-    )
 
 
 def _wait(integration: Integration, state: State, stop: Reals) -> State:

@@ -81,30 +81,6 @@ class Integration:
         return Segment(self.equation, self.driven.motion, time, side, acts)
 
 
-def _wait_in_balance(
-    integration: Integration, state: State, segment: Segment, stop: Reals
-) -> tuple[Booleans, Booleans, Reals]:
-    """Let a block in balance wait for the next knot of the input, or fall before it.
-
-    In balance the acceleration is exactly 0. Between two knots the input is monotone, so that
-    it stays as it is if it is the same at the next knot: the block waits until then. Otherwise
-    it begins to fall now, in the direction in which the input at the next knot pushes it.
-
-    Returns
-    -------
-    waits : Array of bool
-    falls_back : Array of bool
-        Whether a block that does not wait falls back to the ground, and not outward.
-    end : Array
-        End of the segment.
-    """
-    until = jnp.where(segment.acts, integration.uplifts.next_knot(state.time, stop), stop)
-    later = segment.accelerate(until - state.time, state.rotation)
-    # Still ground does not change at all.
-    waits = (later == 0) | ~segment.acts
-    return waits, later < 0, jax.lax.stop_gradient(jnp.where(waits, until, stop))
-
-
 def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     """Move a block through a segment, and apply the event at its end.
 
@@ -112,26 +88,28 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     """
     motion = integration.driven.motion
     segment = integration.begin_segment(state.time, state.side, motion.acts(state.time))
-    beginning = begin_segment(segment, stop - state.time, state.y)
-    acceleration = beginning.accelerations[0]
+    lifted = (state.rotation == 0) & (state.velocity == 0)
+    beginning = begin_segment(segment, stop - state.time, state.y, lifted)
+    acceleration = beginning[0][1]
 
     # The input may have jumped at this event. A block without velocity goes where it is
     # accelerated now, whatever the event before made of it.
     still = state.velocity == 0
-    lifted = (state.rotation == 0) & still
     # `FALLING` on the ground: its peak was at rotation 0, and it rests.
     on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
     down = jnp.where(state.rotation > 0, FALLING, on_ground)
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
     phase = jnp.where(still & (acceleration > 0), RISING, phase)
+    # In balance the acceleration is exactly 0. Between two knots the input is monotone, so that
+    # it stays as it is if it is the same at the next knot: the block waits until then, and still
+    # ground does not change at all. Otherwise it begins to fall now, in the direction in which
+    # the input at the next knot pushes it.
     balanced = still & (state.rotation > 0) & (acceleration == 0)
-    # A branch, since it looks at all knots of the input, which hardly any block needs.
-    waits, falls, stop = jax.lax.cond(
-        balanced,
-        lambda: _wait_in_balance(integration, state, segment, stop),
-        lambda: (balanced, balanced, stop),
-    )
-    phase = jnp.where(balanced, jnp.where(falls, FALLING, RISING), phase)
+    knot = integration.uplifts.next_knot(state.time, stop)
+    later = jax.lax.stop_gradient(segment.accelerate(knot - state.time, state.rotation))
+    waits = balanced & ((later == 0) | ~segment.acts)
+    stop = jnp.where(waits & segment.acts, knot, stop)
+    phase = jnp.where(balanced, jnp.where(later < 0, FALLING, RISING), phase)
     state = state._replace(phase=phase, balanced=state.balanced | waits)
 
     # A block that has just been lifted has an acceleration of 0, up to rounding, which must
@@ -146,7 +124,6 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
         state.y,
         beginning,
         moves=phase != REST,
-        lifted=lifted,
         event_functions=EventFunctions(
             equation=integration.equation,
             rising=phase == RISING,

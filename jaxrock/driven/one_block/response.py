@@ -255,10 +255,8 @@ def _compute_history(
         segment = Segment(equation, driven.motion, event.time, event.side, acts)
         length = jnp.where(moves, time - event.time, 0)
         y = jnp.stack([event.rotation, event.velocity])
-        beginning = begin_segment(segment, length, y)
-        end = integrate_segment(
-            stepper, segment, length, y, beginning, moves=moves, lifted=lifted
-        )
+        beginning = begin_segment(segment, length, y, lifted)
+        end = integrate_segment(stepper, segment, length, y, beginning, moves=moves)
         known = inside & (end.elapsed >= length)
         rotation, velocity = (
             jnp.where(known, event.side * part + 0.0, jnp.nan) for part in end.y

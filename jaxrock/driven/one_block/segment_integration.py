@@ -25,7 +25,7 @@ from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from .contact_forces import ForceExtremes, add_step
 from .packed_loop import repeat_packed
-from .solver_steps import Arc, Beginning, Segment, Stepper, choose_first_step, limit_step
+from .solver_steps import Arc, Segment, Stepper, limit_step
 
 # How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it
 # passes the critical angle; the time is over.
@@ -106,10 +106,9 @@ def integrate_segment(
     segment: Segment,
     length: Reals,
     y: Reals,
-    beginning: Beginning,
+    beginning: tuple[Reals, Reals],
     *,
     moves: Booleans,
-    lifted: Booleans,
     event_functions: EventFunctions | None = None,
     forces: ForceExtremes | None = None,
 ) -> SegmentState:
@@ -123,11 +122,10 @@ def integrate_segment(
         Time after which the segment ends if there is no event before [s].
     y : Array, shape (2,)
         Rotation and velocity at its beginning.
-    beginning : Beginning
+    beginning : tuple of Array
+        Rates of both, and the end of the first step; see `begin_segment`.
     moves : Array of bool
         Where this is False no step is taken.
-    lifted : Array of bool
-        Whether the input has just lifted the block from the ground.
     event_functions : EventFunctions, optional
         None for no events, as in a history, whose events are known.
     forces : ForceExtremes, optional
@@ -138,8 +136,8 @@ def integrate_segment(
     begin = SegmentState(
         elapsed=zero,
         y=y,
-        rates=beginning.rates,
-        step_end=choose_first_step(segment, length, y, beginning, lifted),
+        rates=beginning[0],
+        step_end=jnp.minimum(beginning[1], length),
         wanted_length=zero,
         repetitions=none,
         event=none + STOP,

@@ -7,7 +7,7 @@ Diffrax is called step by step, since two of its parts do not fit here:
 
 - Its choice of the first step (``dt0=None``) takes the motion at the beginning as typical.
   For blocks that start on the ground, its first step passed over the whole arc in 704 of
-  2,000 random cases. So the first step comes from the physics (`choose_first_step`).
+  2,000 random cases. So the first step comes from the physics (`begin_segment`).
 - Its search for events ends on the interpolant, whose error exceeds the error of a step. So
   `segment_integration` repeats the step to the event.
 """
@@ -17,7 +17,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import PyTree
 
 from ...ground_motion import Motion
 from ...validation import Booleans, Reals
@@ -88,12 +87,10 @@ class Arc(NamedTuple):
         third = 10 * excess - 4 * steeper + sharper
         fourth = -15 * excess + 7 * steeper - 2 * sharper
         fifth = 6 * excess - 3 * steeper + sharper
-        rotation = self.y[0] + share * (
-            drift + share * (bend + share * (third + share * (fourth + share * fifth)))
-        )
-        slope = drift + share * (
-            2 * bend + share * (3 * third + share * (4 * fourth + share * (5 * fifth)))
-        )
+        rotation, slope = fifth * share + fourth, fifth
+        for coefficient in (third, bend, drift, self.y[0]):
+            slope = slope * share + rotation
+            rotation = rotation * share + coefficient
         return rotation, slope / jnp.where(step > 0, step, 1)
 
 
@@ -157,18 +154,15 @@ def limit_step(
     return jnp.where(stop <= end + near, stop, end)
 
 
-class Beginning(NamedTuple):
-    """What is known of a segment before its first step."""
+def begin_segment(
+    segment: Segment, length: Reals, y: Reals, lifted: Booleans
+) -> tuple[Reals, Reals]:
+    """Evaluate the rates where a segment begins, and choose the end of its first step.
 
-    rates: Reals  # of rotation and velocity
-    step: Reals  # bound of the first step, in which the input is smooth
-    accelerations: tuple[
-        Reals, Reals, Reals
-    ]  # at its beginning, middle and end, if nothing moved
-
-
-def begin_segment(segment: Segment, length: Reals, y: Reals) -> Beginning:
-    """Evaluate the equation of motion where a segment begins, and shortly after."""
+    It is at most a quarter of the arc, or just its end. Nor is it more than a twentieth of
+    1 / p, or half the time until the acceleration changes its sign. The acceleration of a block
+    that has just been lifted has no sign, up to rounding.
+    """
     # At most a twentieth of the block's own time, and no further than the input is smooth.
     fixed, longest, origin = jax.lax.stop_gradient((segment, length, segment.origin))
     step = jnp.minimum(longest, 0.05 / jnp.sqrt(fixed.equation.p_squared))
@@ -176,19 +170,7 @@ def begin_segment(segment: Segment, length: Reals, y: Reals) -> Beginning:
     step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
     times = jnp.stack([jnp.zeros_like(step), 0.5 * step, step])
     accelerations = segment.accelerate(times, y[0])
-    rates = jnp.stack([y[1], accelerations[0]])
-    return Beginning(rates, step, tuple(jax.lax.stop_gradient(accelerations)))
-
-
-def choose_first_step(
-    segment: Segment, length: Reals, y: Reals, beginning: Beginning, lifted: Booleans
-) -> Reals:
-    """Choose the end of the first step, which is at most a quarter of the arc, or just its end.
-
-    Nor is it more than half the time until the acceleration changes its sign. The acceleration
-    of a block that has just been lifted has no sign, up to rounding.
-    """
-    _, step, (first, middle, last) = beginning
+    first, middle, last = jax.lax.stop_gradient(accelerations)
     rotation, velocity = jax.lax.stop_gradient(y)
 
     # If the acceleration changes its sign meanwhile, linearly, half the time until then.
@@ -209,7 +191,8 @@ def choose_first_step(
     arc = jnp.where(falls, _find_impact(rotation, velocity, first, jerk), arc)
     arc = jnp.where(linear & (arc < jnp.inf), (1 + _OVERSHOOT) * arc, quarter)
     step = jnp.minimum(step, arc)
-    return limit_step(segment, length, jnp.zeros_like(length), step, y, first)
+    step_end = limit_step(segment, length, jnp.zeros_like(length), step, y, first)
+    return jnp.stack([y[1], accelerations[0]]), step_end
 
 
 def _find_peak(velocity: Reals, acceleration: Reals, jerk: Reals) -> Reals:
