@@ -7,9 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..block import Block
-from ..driven import TOLERANCES, DrivenArguments, respond_within
-from ..ground_motion import Motion, Pulse
+from ..driven import TOLERANCES, respond_within
+from ..ground_motion import Pulse
 from ..host import Printed, format_fields
 from ..resonance import Scene
 from ..validation import (
@@ -85,7 +84,7 @@ class Choice(Printed, eqx.Module):
 
 
 def choose(
-    scene: Scene | DrivenArguments,
+    scene: Scene | tuple,
     tolerance: float,
     shape: type[Pulse] | None = None,
     duration: Number = 0.0,
@@ -136,10 +135,8 @@ def choose(
     tolerance = float(tolerance)
     if isinstance(scene, tuple):
         if shape is not None:
-            raise ValueError(
-                "shape must be left out where a motion is given, which has its own"
-            )
-        return _choose_rtol(*scene, tolerance)
+            raise ValueError("shape must be left out for a motion, which has its own")
+        return _choose_rtol(scene, tolerance)
     check_kind("scene", scene, Scene, hint="; or a tuple (block, restitution, motion)")
     widest = int(jnp.finfo(jnp.result_type(float)).bits)
     # Costs are computed in the widest precision on offer, whatever the scene has.
@@ -161,11 +158,9 @@ def choose(
     return Choice(index, error, within.any(axis=0), settings)
 
 
-def _choose_rtol(
-    block: Block, restitution: Number, motion: Motion, tolerance: float
-) -> Choice:
+def _choose_rtol(given: tuple, tolerance: float) -> Choice:
     """Choose the tolerance of the batch by a trial: no closed form predicts driven motion."""
-    within = respond_within(block, restitution, motion, tolerance)
+    within = respond_within(*given, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
     levels = np.array(TOLERANCES[bits])
     # Tolerances fall: the number of those above the cheapest is its place among them.

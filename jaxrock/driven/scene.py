@@ -21,24 +21,6 @@ from ..validation import (
     quantity,
 )
 
-# What `respond` takes first, where a function takes either this or a scene of pulses.
-DrivenArguments = tuple[Block, Number, Motion]
-
-
-class DrivenScene(Checked):
-    """A block, its coefficient of restitution and a ground motion."""
-
-    block: Block
-    restitution: Reals = quantity(UNIT_INTERVAL, "")
-    # Type checkers take the declaration of the restitution for a default value.
-    motion: Motion  # pyright: ignore[reportGeneralTypeIssues]
-
-    def __init__(self, block: Block, restitution: Number, motion: Motion):
-        self.block = block
-        self.restitution = read_restitution(block, restitution)
-        self.motion = motion
-
-
 # A block that lies on its side has turned by pi / 2. In single precision that is rounded up to
 # more than the pi / 2 of double precision.
 UP_TO_ITS_SIDE = Domain(
@@ -69,9 +51,13 @@ def check_initial_state(block: Block, rotation: Number, velocity: Number) -> Non
         )
 
 
-class Driven(DrivenScene):
-    """A scene, the duration for which the block is followed, and its initial state."""
+class Driven(Checked):
+    """A block, a ground motion, how long the block is followed, and its initial state."""
 
+    block: Block
+    restitution: Reals = quantity(UNIT_INTERVAL, "")
+    # Type checkers take the declaration of the restitution for a default value.
+    motion: Motion  # pyright: ignore[reportGeneralTypeIssues]
     duration: Reals = quantity(POSITIVE, "s")
     rotation: Reals = quantity(UP_TO_ITS_SIDE, "rad")
     velocity: Reals = quantity(FINITE, "rad/s")
@@ -85,7 +71,9 @@ class Driven(DrivenScene):
         rotation: Number,
         velocity: Number,
     ):
-        super().__init__(block, restitution, motion)
+        self.block = block
+        self.restitution = read_restitution(block, restitution)
+        self.motion = motion
         self.duration = as_field(Driven, "duration", duration)
         self.rotation = as_field(Driven, "rotation", rotation)
         self.velocity = as_field(Driven, "velocity", velocity)

@@ -29,7 +29,6 @@ from .motion_to_event import (
     State,
     move_to_event,
 )
-from .packed_loop import repeat_packed
 from .response import Events, Response
 from .solver_steps import Stepper
 from .uplift import UpliftTable
@@ -92,7 +91,7 @@ def follow_driven(
             valid = valid & is_before_wall(driven.rotation, driven.velocity)
     uplifts = UpliftTable.of(equation, driven.motion)
     dtype = driven.duration.dtype
-    integration = Integration(driven, equation, Stepper(method, rtol, atol), rtol, uplifts)
+    integration = Integration(driven, equation, Stepper(method, rtol, atol), uplifts)
 
     def goes_on(carry: _Carry) -> Booleans:
         state, _ = carry
@@ -113,7 +112,7 @@ def follow_driven(
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
     begin = first, (unknown, unknown[: max_impacts + 1, :2])
-    state, lists = repeat_packed(goes_on, take_turn, begin)
+    state, lists = jax.lax.while_loop(goes_on, take_turn, begin)
     full = (state.impacts > max_impacts) | (state.events > max_events)
     response = _make_response(integration, state, lists, valid, full)
     return FollowedMotion(response, state.last_impact)

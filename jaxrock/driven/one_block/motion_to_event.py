@@ -28,7 +28,7 @@ from .segment_integration import (
     SegmentState,
     integrate_segment,
 )
-from .solver_steps import Segment, Stepper, begin_segment
+from .solver_steps import Segment, Stepper, choose_first_step
 from .uplift import UpliftTable
 
 # Phases of the motion. The table in `follow_driven` says what each of them does next.
@@ -73,7 +73,6 @@ class Integration:
     driven: Driven
     equation: Equation
     stepper: Stepper
-    rtol: Reals | float
     uplifts: UpliftTable
 
     def begin_segment(self, time: Reals, side: Reals, acts: Booleans) -> Segment:
@@ -89,7 +88,7 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     motion = integration.driven.motion
     segment = integration.begin_segment(state.time, state.side, motion.acts(state.time))
     lifted = (state.rotation == 0) & (state.velocity == 0)
-    beginning = begin_segment(segment, stop - state.time, state.y, lifted)
+    beginning = choose_first_step(segment, stop - state.time, state.y, lifted)
     acceleration = beginning[0][1]
 
     # The input may have jumped at this event. A block without velocity goes where it is
@@ -198,10 +197,11 @@ def _apply_event(
     #   unresolved: the time is so short that the clock does not see it.
     # All that is dropped then is this velocity, even where the input lifts the block again
     # meanwhile. Both sides are multiplied by (1 - C) d, which may be 0.
+    rtol, _ = integration.stepper.tolerances
     pressed = deceleration > 0
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)
-    short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _REST_SHARE * integration.rtol * lost
-    slow = leaving**2 <= 2 * integration.rtol**2 * deceleration * before.peak
+    short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _REST_SHARE * rtol * lost
+    slow = leaving**2 <= 2 * rtol**2 * deceleration * before.peak
     unresolved = 2 * leaving <= _RESOLVED * motion.time_rounding(time) * lost
     rests = lands & pressed & short & (slow | unresolved)
     # Where the input is beyond uplift on the side that the block came from, it lifts the block

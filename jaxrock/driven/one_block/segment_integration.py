@@ -24,7 +24,6 @@ from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from .contact_forces import ForceExtremes, add_step
-from .packed_loop import repeat_packed
 from .solver_steps import Arc, Segment, Stepper, limit_step
 
 # How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it
@@ -123,7 +122,7 @@ def integrate_segment(
     y : Array, shape (2,)
         Rotation and velocity at its beginning.
     beginning : tuple of Array
-        Rates of both, and the end of the first step; see `begin_segment`.
+        Rates of both, and the end of the first step; see `choose_first_step`.
     moves : Array of bool
         Where this is False no step is taken.
     event_functions : EventFunctions, optional
@@ -145,7 +144,7 @@ def integrate_segment(
         forces=forces,
         steps=none,
     )
-    return repeat_packed(
+    return jax.lax.while_loop(
         lambda state: ~state.done & (state.steps < _MAX_STEPS),
         lambda state: _advance(stepper, segment, length, event_functions, state),
         begin,

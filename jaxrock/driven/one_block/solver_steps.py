@@ -7,7 +7,7 @@ Diffrax is called step by step, since two of its parts do not fit here:
 
 - Its choice of the first step (``dt0=None``) takes the motion at the beginning as typical.
   For blocks that start on the ground, its first step passed over the whole arc in 704 of
-  2,000 random cases. So the first step comes from the physics (`begin_segment`).
+  2,000 random cases. So the first step comes from the physics (`choose_first_step`).
 - Its search for events ends on the interpolant, whose error exceeds the error of a step. So
   `segment_integration` repeats the step to the event.
 """
@@ -154,7 +154,7 @@ def limit_step(
     return jnp.where(stop <= end + near, stop, end)
 
 
-def begin_segment(
+def choose_first_step(
     segment: Segment, length: Reals, y: Reals, lifted: Booleans
 ) -> tuple[Reals, Reals]:
     """Evaluate the rates where a segment begins, and choose the end of its first step.
