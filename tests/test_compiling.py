@@ -576,10 +576,10 @@ def respond(restitution):
     ("function", "most"),
     [
         # Of these a thousand are the Taylor polynomial that reaches events.
-        (respond, 4000),
-        pytest.param(jax.jacfwd(lambda c: respond(c).peak_rotation), 4400, marks=SLOW),
+        (respond, 3100),
+        pytest.param(jax.jacfwd(lambda c: respond(c).peak_rotation), 2900, marks=SLOW),
         pytest.param(
-            lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 4400, marks=SLOW
+            lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3500, marks=SLOW
         ),
         pytest.param(
             lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 4500, marks=SLOW

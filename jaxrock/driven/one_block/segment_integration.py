@@ -6,10 +6,10 @@ An event is a zero of one of the `EventFunctions`. It is found in three stages:
    accepted step has a zero inside, and only one: a segment is monotone, and `limit_step` lets
    a step pass over one peak at most.
 2. *Bracket.* Unless the step ends so close to the event that stage 3 suffices, it is
-   discarded. The interpolant of the solver, which costs no evaluation of the equation, is
-   bisected for the time of the event, and the step is repeated so that it ends there. The
-   interpolant is less exact than the steps themselves, for Dopri8 by orders of magnitude, so
-   that its zero is only a first guess.
+   discarded. The quintic through both ends of the step (`Arc`), which costs no evaluation of
+   the equation, is bisected for the time of the event, and the step is repeated so that it ends
+   there. The quintic is less exact than the steps themselves, so that its zero is only a first
+   guess.
 3. *Reach.* From the end of a step the motion goes on along its Taylor polynomial, back to the
    zero of the event function (`_reach_event`). Newton's method, whose steps are part of the
    program, gives the time its derivatives too: nothing else has to be done for them.

@@ -3,13 +3,14 @@
 In a *segment* the block stays on one side and its rotation is monotone. Time is counted from
 the beginning of the segment, so that the smallest bounce keeps all its digits.
 
-Diffrax is called step by step, since two of its parts do not fit here:
+Diffrax is called step by step, since three of its parts do not fit here:
 
 - Its choice of the first step (``dt0=None``) takes the motion at the beginning as typical.
   For blocks that start on the ground, its first step passed over the whole arc in 704 of
   2,000 random cases. So the first step comes from the physics (`choose_first_step`).
 - Its search for events ends on the interpolant, whose error exceeds the error of a step. So
   `segment_integration` repeats the step to the event.
+- Its control of the length of steps keeps a history that one segment does not need.
 """
 
 from typing import NamedTuple
