@@ -582,11 +582,11 @@ def respond(restitution):
             lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3500, marks=SLOW
         ),
         pytest.param(
-            lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 4500, marks=SLOW
+            lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 3700, marks=SLOW
         ),
         pytest.param(
             lambda c: jr.critical_pulsed_amplitude(block(0), c, jr.HalfSine, 0.1),
-            7700,
+            6800,
             marks=SLOW,
         ),
     ],
