@@ -19,7 +19,6 @@ from .block import Block as Block
 from .calibration import fit_driven_rocking as fit_driven_rocking
 from .calibration import fit_free_rocking as fit_free_rocking
 from .calibration import fit_outcomes as fit_outcomes
-from .driven import DrivenScene as DrivenScene
 from .driven import respond as respond
 from .driven import respond_batch as respond_batch
 from .driven import respond_within as respond_within

@@ -99,7 +99,7 @@ def driven_scene(kind, number):
         "Ricker": jr.Ricker(lifting * rng.uniform(1, 5, number), length),
         "record": jr.example_record().scaled(10 ** rng.uniform(-0.5, 0.5, number)),
     }[kind]
-    return jr.DrivenScene(block, rng.uniform(0.4, 0.99, number), motion)
+    return block, rng.uniform(0.4, 0.99, number), motion
 
 
 @pytest.mark.thorough
@@ -108,8 +108,7 @@ def driven_scene(kind, number):
 )
 def test_promise_of_the_tolerance(kind):
     number = 100
-    scene = driven_scene(kind, number)
-    given = scene.block, scene.restitution, scene.motion
+    given = driven_scene(kind, number)
     truth, again = (
         [jr.respond(*one(given, k), rtol=rtol, solver="Dopri8") for k in range(number)]
         for rtol in (1e-11, 1e-13)
@@ -128,7 +127,7 @@ def test_promise_of_the_tolerance(kind):
     levels = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)
     by_level = {rtol: find_error(jr.respond_batch(*given, rtol=rtol)) for rtol in levels}
     for tolerance in (1e-2, 1e-5, 1e-8):
-        choice = jr.choose(scene, tolerance)
+        choice = jr.choose(given, tolerance)
         within = np.asarray(choice.within_tolerance)
         assert np.mean(within) > 0.9
         picked = np.array([choice.settings[index].rtol for index in np.asarray(choice.index)])
@@ -140,9 +139,9 @@ def test_promise_of_the_tolerance(kind):
 
 @pytest.mark.thorough
 def test_a_single_driven_scene():
-    scene = jr.DrivenScene(jr.Block(0.2, 5.0), 0.9, jr.Sine(3.0, 0.5))
-    choice = jr.choose(scene, 1e-3)
+    given = jr.Block(0.2, 5.0), 0.9, jr.Sine(3.0, 0.5)
+    choice = jr.choose(given, 1e-3)
     assert choice.setting.level == "batch"
-    truth = jr.respond(scene.block, 0.9, scene.motion, rtol=1e-12)
-    found = jr.respond_batch(scene.block, 0.9, scene.motion, rtol=choice.setting.rtol)
+    truth = jr.respond(*given, rtol=1e-12)
+    found = jr.respond_batch(*given, rtol=choice.setting.rtol)
     assert apart(found.peak_rotation, truth.peak_rotation) <= choice.error <= 1e-3

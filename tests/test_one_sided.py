@@ -340,7 +340,7 @@ def test_predicted_costs_are_those_of_the_wall():
 
 
 def test_choice_for_driven_motion():
-    scene = jr.DrivenScene(WALL, C, record())
+    scene = (WALL, C, record())
     choice = jr.choose(scene, 1e-6)
     wall, free = (jr.respond_within(block, -C, record(), 1e-6) for block in (WALL, FREE))
     assert choice.setting.rtol == float(wall.cheapest)

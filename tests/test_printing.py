@@ -31,7 +31,6 @@ def test_a_number_or_the_range_of_an_array_and_its_unit(value, pieces):
     ("make", "pieces"),
     [
         (lambda c: jr.Scene(BLOCK, c, 0.1), ["half-width 0.1 m", "9.81 m/s2", "0.1 m/s"]),
-        (lambda c: jr.DrivenScene(BLOCK, c, SINE), ["restitution 0.7", "3 m/s2", "0.5 s"]),
         (lambda c: jr.Record(c * jnp.array([0.0, 1.0]), 0.1), ["2 samples", "0.1 s"]),
         (lambda c: jr.respond_batch(BLOCK, c, SINE), ["overturned", "no"]),
     ],

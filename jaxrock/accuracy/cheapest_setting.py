@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..driven import TOLERANCES, DrivenScene, respond_within
+from ..driven import TOLERANCES, respond_within
 from ..ground_motion import Pulse
 from ..host import Printed, format_fields
 from ..resonance import Scene
@@ -84,7 +84,7 @@ class Choice(Printed, eqx.Module):
 
 
 def choose(
-    scene: Scene | DrivenScene,
+    scene: Scene | tuple,
     tolerance: float,
     shape: type[Pulse] | None = None,
     duration: Number = 0.0,
@@ -93,11 +93,12 @@ def choose(
 
     Parameters
     ----------
-    scene : Scene or DrivenScene
-        Elementwise: every element gets a setting of its own.
+    scene : Scene or tuple
+        A `Scene`, or the block, restitution and motion of `respond_batch`. Elementwise: every
+        element gets a setting of its own.
     tolerance : float
         Allowed relative error. For a `Scene` it applies to the rotation ratio, the period and
-        the critical intensity, for a `DrivenScene` to the peak rotation. A setting that
+        the critical intensity, under a motion to the peak rotation. A setting that
         predicts standing for a block that overturns is never within tolerance.
     shape : type, optional
         Shape of the pulses of a `Scene`, `Rectangular` or `HalfSine`. By default the pulses
@@ -117,9 +118,9 @@ def choose(
     Notes
     -----
     The setting for a `Scene` follows from `model_error`, before anything is computed under
-    pulses of finite duration. For a `DrivenScene` the motion is simulated by
+    pulses of finite duration. Under a motion the block is simulated by
     `respond_within`, which compares it with less accurate simulations. 64 bits are considered
-    only if JAX is set to them; a `DrivenScene` keeps its own precision.
+    only if JAX is set to them; a simulation keeps its own precision.
 
     Examples
     --------
@@ -132,13 +133,11 @@ def choose(
     check_concrete((scene, tolerance, shape, duration), "the choice depends on the answers")
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     tolerance = float(tolerance)
-    if isinstance(scene, DrivenScene):
+    if isinstance(scene, tuple):
         if shape is not None:
-            raise ValueError(
-                "shape must be left out for a DrivenScene, whose motion has a shape of its own"
-            )
+            raise ValueError("shape must be left out for a motion, which has its own")
         return _choose_rtol(scene, tolerance)
-    check_kind("scene", scene, Scene, DrivenScene)
+    check_kind("scene", scene, Scene, hint="; or a tuple (block, restitution, motion)")
     widest = int(jnp.finfo(jnp.result_type(float)).bits)
     # Costs are computed in the widest precision on offer, whatever the scene has.
     exact: Scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scene)
@@ -159,9 +158,9 @@ def choose(
     return Choice(index, error, within.any(axis=0), settings)
 
 
-def _choose_rtol(scene: DrivenScene, tolerance: float) -> Choice:
+def _choose_rtol(given: tuple, tolerance: float) -> Choice:
     """Choose the tolerance of the batch by a trial: no closed form predicts driven motion."""
-    within = respond_within(scene.block, scene.restitution, scene.motion, tolerance)
+    within = respond_within(*given, tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
     levels = np.array(TOLERANCES[bits])
     # Tolerances fall: the number of those above the cheapest is its place among them.

@@ -12,7 +12,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -20,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..block import Block
-from ..driven import DrivenScene, respond, respond_batch
-from ..ground_motion import HalfSine, Pulse, Rectangular
+from ..driven import respond, respond_batch
+from ..ground_motion import HalfSine, Motion, Pulse, Rectangular
 from ..host import make_dataset, show_progress
 from ..impact import count_half_cycles
 from ..resonance import (
@@ -32,7 +32,7 @@ from ..resonance import (
     stabilized_period,
     stabilized_velocity,
 )
-from ..validation import AT_LEAST_ONE, Reals, check
+from ..validation import AT_LEAST_ONE, Number, Reals, check
 from .cheapest_setting import CLOSED, Setting
 from .model_errors import model_error
 
@@ -58,15 +58,24 @@ _DEFAULTS = (  # of the functions that compute so, in arrays where these are fas
 )
 
 
+class _Driven(NamedTuple):
+    """What `respond` takes first."""
+
+    block: Block
+    restitution: Number
+    motion: Motion
+
+
 def measure_tradeoff(
-    scene: Scene | DrivenScene | None = None, *, repeats: int = 15
+    scene: Scene | tuple | None = None, *, repeats: int = 15
 ) -> "xarray.Dataset":
     """Measure the error and the time of every combination of level, solver and precision.
 
     Parameters
     ----------
-    scene : Scene or DrivenScene, optional
-        A single scene. By default a block under a short half-sine pulse.
+    scene : Scene or tuple, optional
+        A single scene, or the block, restitution and motion of `respond`. By default a block
+        under a short half-sine pulse.
     repeats : int
         Number of times that each setting is timed, after compilation.
 
@@ -88,15 +97,16 @@ def measure_tradeoff(
     Notes
     -----
     The error is the largest over eight scenes whose sizes differ by up to 5 %. It is the
-    error of rotation ratio and period for a `Scene`, and of the peak rotation for a
-    `DrivenScene`. A single pulse that changes the ground velocity is also treated as
+    error of rotation ratio and period for a `Scene`, and of the peak rotation under a
+    motion. A single pulse that changes the ground velocity is also treated as
     instantaneous, in closed form. Progress is shown if standard error is a terminal.
     """
     if jnp.result_type(float) != jnp.float64:
         raise ValueError("JAX must be set to 64 bits, which are the reference, got 32 bits")
     check("repeats", repeats, AT_LEAST_ONE)
-    if scene is None:  # a pulse so short that every level of fidelity can tell of it
-        scene = DrivenScene(Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01))
+    # By default a pulse so short that every level of fidelity can tell of it.
+    given = (Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01)) if scene is None else scene
+    scene = given if isinstance(given, Scene) else _Driven(*given)
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((scene.block, scene.restitution))):
         raise ValueError("scene must be a single scene, got arrays of numbers")
     # The truth first: a scene that does not rock is refused before anything else compiles.
@@ -120,7 +130,7 @@ def measure_tradeoff(
     rounds = show_progress(range(repeats), "timing")
     seconds = np.array([[_measure_seconds(call) for call in calls] for _ in rounds])
     dataset = tabulate_tradeoff(settings, np.array(errors), seconds)
-    return dataset.assign_attrs(scene=type(scene).__name__, reference_error=floor)
+    return dataset.assign_attrs(scene=type(scene).__name__.strip("_"), reference_error=floor)
 
 
 def _measure_seconds(call: Callable[[], object]) -> float:
@@ -130,7 +140,7 @@ def _measure_seconds(call: Callable[[], object]) -> float:
     return time.perf_counter() - begin
 
 
-def _list_settings(scene: Scene | DrivenScene) -> list[Setting]:
+def _list_settings(scene: Scene | _Driven) -> list[Setting]:
     """List every setting that the scene has."""
     if isinstance(scene, Scene):
         pairs = itertools.product((1, 1000, 100_000), CLOSED)
@@ -140,7 +150,7 @@ def _list_settings(scene: Scene | DrivenScene) -> list[Setting]:
     return [*(replace(setting, batch=size) for size, setting in pairs), *_ADAPTIVE]
 
 
-def _choose_duration(scene: Scene | DrivenScene) -> float:
+def _choose_duration(scene: Scene | _Driven) -> float:
     """Choose how long to follow the block [s]."""
     # Of a `Scene` until its half-cycle is over for sure; after a pulse until the block has
     # come to rest, or has at least passed its peak; of other motions to their end.
@@ -150,7 +160,7 @@ def _choose_duration(scene: Scene | DrivenScene) -> float:
     return float(scene.motion.end + (20 / rate if isinstance(scene.motion, Pulse) else 0))
 
 
-def _compute_sample(setting: Setting, scene: Scene | DrivenScene) -> np.ndarray:
+def _compute_sample(setting: Setting, scene: Scene | _Driven) -> np.ndarray:
     """Compute the answers for scenes of slightly different sizes."""
     compute = functools.partial(_compute_answer, setting, _choose_duration(scene))
     answers = [compute(varied) for varied in _vary_size(scene, setting, _SAMPLE)]
@@ -158,12 +168,12 @@ def _compute_sample(setting: Setting, scene: Scene | DrivenScene) -> np.ndarray:
 
 
 def _compute_answer(
-    setting: Setting, duration: float, scene: Scene | DrivenScene
+    setting: Setting, duration: float, scene: Scene | _Driven
 ) -> Reals | np.ndarray:
-    """Compute rotation ratio and period of a `Scene`, or peak rotation of a `DrivenScene`."""
+    """Compute rotation ratio and period of a `Scene`, or peak rotation under a motion."""
     if setting.level not in ("batch", "adaptive"):
         return _compute_closed_form(scene, as_model(setting.level))
-    if isinstance(scene, DrivenScene):
+    if isinstance(scene, _Driven):
         given = scene.block, scene.restitution, scene.motion, duration
         if setting.level == "batch":
             return respond_batch(*given, rtol=setting.rtol).peak_rotation
@@ -180,7 +190,7 @@ def _compute_answer(
 
 
 @functools.partial(jax.jit, static_argnames="model")
-def _compute_closed_form(scene: Scene | DrivenScene, model: RockingModel) -> Reals:
+def _compute_closed_form(scene: Scene | _Driven, model: RockingModel) -> Reals:
     """Compute the same answers in closed form; a pulse is taken as instantaneous."""
     if isinstance(scene, Scene):
         return jnp.stack([rotation_ratio(scene, model), stabilized_period(scene, model)])
@@ -188,9 +198,7 @@ def _compute_closed_form(scene: Scene | DrivenScene, model: RockingModel) -> Rea
     return model.peak_rotation(scene.block, scene.block.pulse_velocity(intensity))
 
 
-def _vary_size(
-    scene: Scene | DrivenScene, setting: Setting, number: int
-) -> list[Scene | DrivenScene]:
+def _vary_size(scene: Scene | _Driven, setting: Setting, number: int) -> list[Scene | _Driven]:
     """Vary the size of the block by up to 5 %: in one scene, or for the integrator in many."""
     factors = np.linspace(0.95, 1.05, number)
     scene = jax.tree.map(lambda leaf: jnp.asarray(leaf, f"float{setting.bits}"), scene)
@@ -199,7 +207,7 @@ def _vary_size(
     return [eqx.tree_at(lambda s: s.block.half_width, scene, part) for part in parts]
 
 
-def _compute_truth(scene: Scene | DrivenScene) -> tuple[np.ndarray, float]:
+def _compute_truth(scene: Scene | _Driven) -> tuple[np.ndarray, float]:
     """Compute the answers about the sample, and the error below which none is told apart."""
     if isinstance(scene, Scene):
         rounding = model_error(scene).rounding["nonlinear"][64]

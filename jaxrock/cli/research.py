@@ -9,7 +9,7 @@ import numpy as np
 from .. import spectra
 from ..accuracy import measure_tradeoff
 from ..block import RECTANGLE_INERTIA_RATIO
-from ..driven import DrivenScene, uplift_acceleration
+from ..driven import uplift_acceleration
 from ..grids import compute_overturned_fraction
 from ..impact import describe_assumed_restitution, require_free_standing
 from ..reports import paper as report_of_paper
@@ -234,7 +234,7 @@ def tradeoff(
     """
     block, c = block_options.block, block_options.coefficient
     if intensity is None:
-        scene = DrivenScene(block, c, motion_options.read())
+        scene = block, c, motion_options.read()
     else:
         motion_options.refuse("with --intensity")
         scene = Scene(block, c, intensity)

@@ -25,11 +25,9 @@ from .one_block import follow_driven as follow_driven
 from .overturning_criterion import TOPPLED_ROTATION as TOPPLED_ROTATION
 from .overturning_criterion import free_motion_margin
 from .scene import Driven as Driven
-from .scene import DrivenScene
 
 __all__ = [
     "BatchResponse",
-    "DrivenScene",
     "EstimatedResponse",
     "Response",
     "free_motion_margin",

@@ -13,6 +13,7 @@ pulses is not Eq. 2: in Eq. 2 the pulse is multiplied by cos(alpha_c), here by 1
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from ..block import Block
 from ..resonance import Linearized, Nonlinear, RockingModel
@@ -84,6 +85,24 @@ class Equation(eqx.Module):
         if self.linearized:
             return self.right_hand_side(tilt, jnp.ones_like(tilt), push, lift)
         return self.right_hand_side(jnp.sin(tilt), jnp.cos(tilt), push, lift)
+
+    def expand_acceleration(
+        self, rotation: Reals, velocity: Reals, push: Reals, lift: Reals
+    ) -> tuple[Reals, Reals, Reals]:
+        """Angular acceleration and its first two derivatives in time, along the motion.
+
+        `push` and `lift`, of shape (3,), hold the input and its derivatives likewise.
+        """
+        tilt = self.critical_angle - rotation
+        sine, cosine = (tilt, 1.0) if self.linearized else (jnp.sin(tilt), jnp.cos(tilt))
+        bent = 0.0 if self.linearized else 1.0
+        weight = lift + np.array([1.0, 0, 0], lift.dtype)
+        # The right-hand side and its slope over the rotation, for each derivative of the input.
+        values = (cosine * push - sine * weight) * self.p_squared
+        slopes = (bent * sine * push + cosine * weight) * self.p_squared
+        jerk = values[1] + velocity * slopes[0]
+        snap = values[2] + 2 * velocity * slopes[1] + values[0] * slopes[0]
+        return values[0], jerk, snap - bent * velocity**2 * values[0]
 
     def uplift_excess(self, push: Reals, lift: Reals) -> Reals:
         """Push beyond the push that just lifts the block from the ground; positive lifts."""

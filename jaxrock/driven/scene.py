@@ -6,7 +6,6 @@ import numpy as np
 
 from ..block import Block
 from ..ground_motion import Motion
-from ..host import Printed, format_number, format_outside
 from ..impact import read_restitution
 from ..validation import (
     FINITE,
@@ -21,43 +20,6 @@ from ..validation import (
     is_traced,
     quantity,
 )
-
-
-class DrivenScene(Printed, Checked):
-    """A block, its coefficient of restitution and a ground motion.
-
-    Parameters
-    ----------
-    block : Block
-    restitution : array_like
-        C, velocity after an impact over velocity before it [-], between 0 and 1; of a one-sided
-        block its magnitude counts.
-    motion : Motion
-        A pulse, a `Harmonic` or a `Record`.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> print(jr.DrivenScene(jr.Block(0.1, 5.0), 0.9, jr.Sine(amplitude=4.0, duration=0.5)))
-    half-width 0.1 m, slenderness 5, gravity 9.81 m/s2
-    restitution 0.9
-    one-sine pulse of 4 m/s2, duration 0.5 s, from 0 s on
-    """
-
-    block: Block
-    restitution: Reals = quantity(UNIT_INTERVAL, "")
-    # Type checkers take the declaration of the restitution for a default value.
-    motion: Motion  # pyright: ignore[reportGeneralTypeIssues]
-
-    def __init__(self, block: Block, restitution: Number, motion: Motion):
-        self.block = block
-        self.restitution = read_restitution(block, restitution)
-        self.motion = motion
-
-    def __str__(self) -> str:
-        text = f"{self.block}\nrestitution {format_number(self.restitution)}\n{self.motion}"
-        return format_outside(self) or text
-
 
 # A block that lies on its side has turned by pi / 2. In single precision that is rounded up to
 # more than the pi / 2 of double precision.
@@ -89,9 +51,13 @@ def check_initial_state(block: Block, rotation: Number, velocity: Number) -> Non
         )
 
 
-class Driven(DrivenScene):
-    """A scene, the duration for which the block is followed, and its initial state."""
+class Driven(Checked):
+    """A block, a ground motion, how long the block is followed, and its initial state."""
 
+    block: Block
+    restitution: Reals = quantity(UNIT_INTERVAL, "")
+    # Type checkers take the declaration of the restitution for a default value.
+    motion: Motion  # pyright: ignore[reportGeneralTypeIssues]
     duration: Reals = quantity(POSITIVE, "s")
     rotation: Reals = quantity(UP_TO_ITS_SIDE, "rad")
     velocity: Reals = quantity(FINITE, "rad/s")
@@ -105,7 +71,9 @@ class Driven(DrivenScene):
         rotation: Number,
         velocity: Number,
     ):
-        super().__init__(block, restitution, motion)
+        self.block = block
+        self.restitution = read_restitution(block, restitution)
+        self.motion = motion
         self.duration = as_field(Driven, "duration", duration)
         self.rotation = as_field(Driven, "rotation", rotation)
         self.velocity = as_field(Driven, "velocity", velocity)

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.experimental.xla_metadata import set_xla_metadata
+from jaxtyping import PyTree
 
 from ...host import Status
 from ...numerics import differentiate_by_jacobian, pick_smaller
@@ -25,10 +27,8 @@ from .motion_to_event import (
     TOPPLED,
     Integration,
     State,
-    add_forces_since,
     move_to_event,
 )
-from .packed_loop import repeat_packed
 from .response import Events, Response
 from .solver_steps import Stepper
 from .uplift import UpliftTable
@@ -67,8 +67,7 @@ def follow_driven(
     """
     # State of the loop | What is known                      | What happens next
     # ------------------|------------------------------------|---------------------------------
-    # no event yet      | the arguments                      | `_start`: the initial state, on
-    #                   |                                    |   a side, is the first event
+    # no event yet      | the initial state                  | it is the first event
     # REST              | the block stands on both edges     | `_wait`: until the input lifts
     #                   |                                    |   it (RISING), or to an edge of
     #                   |                                    |   the input (REST again)
@@ -92,7 +91,7 @@ def follow_driven(
             valid = valid & is_before_wall(driven.rotation, driven.velocity)
     uplifts = UpliftTable.of(equation, driven.motion)
     dtype = driven.duration.dtype
-    integration = Integration(driven, equation, Stepper(method, rtol, atol), rtol, uplifts)
+    integration = Integration(driven, equation, Stepper(method, rtol, atol), uplifts)
 
     def goes_on(carry: _Carry) -> Booleans:
         state, _ = carry
@@ -108,12 +107,12 @@ def follow_driven(
             lists = _log_event(before, state, lists, max_impacts)
         return state, lists
 
-    first = _make_first_state(dtype, valid, with_forces)
+    first = _make_first_state(driven, equation, valid, with_forces)
     # The last row of each list is for what has no place.
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
     begin = first, (unknown, unknown[: max_impacts + 1, :2])
-    state, lists = repeat_packed(goes_on, take_turn, begin)
+    state, lists = jax.lax.while_loop(goes_on, take_turn, begin)
     full = (state.impacts > max_impacts) | (state.events > max_events)
     response = _make_response(integration, state, lists, valid, full)
     return FollowedMotion(response, state.last_impact)
@@ -123,24 +122,53 @@ def follow_driven(
 follow_driven_jitted = eqx.filter_jit(differentiate_by_jacobian(follow_driven))
 
 
-def _make_first_state(dtype: jnp.dtype, valid: Booleans, with_forces: bool) -> State:
-    """Make the state before the first event, which `_start` fills in."""
-    zero = jnp.zeros((), dtype)
+@eqx.filter_jit
+def follow_concrete(driven: Driven, **options: object) -> FollowedMotion:
+    """Follow a block of concrete numbers on a processor, as `follow_driven` does.
+
+    XLA makes one function of all. By itself it makes one of each small computation before and
+    after the loop, which would take it a third of the time of the first call.
+    """
+    arrays, static = eqx.partition((driven, options), eqx.is_array)
+
+    @jax.jit
+    def follow(arrays: PyTree) -> tuple[FollowedMotion, PyTree]:
+        # The attributes are those of the call, not of what is in it.
+        with set_xla_metadata(inlineable=None, xla_cpu_small_call=None):
+            driven, options = eqx.combine(arrays, static)
+            # All arguments are returned as well: at one that is not used XLA breaks off.
+            return follow_driven(driven, **options), arrays
+
+    with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
+        return follow(arrays)[0]
+
+
+def _make_first_state(
+    driven: Driven, equation: Equation, valid: Booleans, with_forces: bool
+) -> State:
+    """Put the block into its initial state, on the side to which it is rotated or moves."""
+    towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
+    side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
+    rotation = side * driven.rotation
+    velocity = side * driven.velocity
+    phase = jnp.where(velocity < 0, FALLING, RISING)
+    phase = jnp.where((rotation == 0) & (velocity == 0), REST, phase)
+    zero = jnp.zeros_like(rotation)
     none = jnp.zeros((), int)
     infinite = jnp.full_like(zero, jnp.inf)
     return State(
         time=zero,
-        side=zero,
-        rotation=zero,
-        velocity=zero,
-        phase=none,
+        side=side,
+        rotation=rotation,
+        velocity=velocity,
+        phase=jnp.where(rotation >= TOPPLED_ROTATION, TOPPLED, phase),
         events=none,
         impacts=none,
         forces=ForceExtremes(zero, infinite, infinite) if with_forces else None,
-        last_impact=jnp.zeros(2, dtype),
-        peak=zero,
+        last_impact=jnp.stack([zero, zero]),
+        peak=rotation,
         peak_time=zero,
-        crossing=zero,
+        crossing=jnp.where(rotation >= equation.critical_angle, zero, jnp.nan),
         margin=zero,
         # Where an argument is not allowed, the first event is also the last one.
         failed=~valid,
@@ -208,24 +236,15 @@ def _step_to_event(integration: Integration, before: State) -> State:
     latest = driven.duration - motion.time_rounding(driven.duration)
     for edge in (motion.end, motion.start):
         stop = jnp.where((edge > before.time) & (edge < latest), edge, stop)
-    never = jnp.array(False)
-    state, waited = jax.lax.switch(
+    state = jax.lax.switch(
         jnp.where(begins, 0, jnp.where(before.phase == REST, 1, 2)),
         [
-            lambda state: (_start(integration, state), never),
-            lambda state: (_wait(integration, state, stop), ~never),
+            lambda state: state,
+            lambda state: _wait(integration, state, stop),
             lambda state: move_to_event(integration, state, stop),
         ],
         before,
     )
-    # A block that the input lifts at once rotates from then on: after a wait of length 0 no
-    # forces of a block at rest are added.
-    forces = jax.lax.cond(
-        waited & (state.time > before.time),
-        lambda: add_forces_since(integration, state, before.time, acts),
-        lambda: state.forces,
-    )
-    state = state._replace(forces=forces)
     state = _add_saltation(integration, state, acts & ~begins)
     # The overturning criterion is read in the initial state, and again where the input ends:
     # from then on energy says whether the block overturns. A block that topples before has its
@@ -240,26 +259,6 @@ def _step_to_event(integration: Integration, before: State) -> State:
     return state._replace(margin=margin, events=before.events + 1)
 
 
-def _start(integration: Integration, state: State) -> State:
-    """Put the block into its initial state, on the side to which it is rotated or moves."""
-    driven = integration.driven
-    towards = jnp.where(driven.rotation == 0, driven.velocity, driven.rotation)
-    side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
-    rotation = side * driven.rotation
-    velocity = side * driven.velocity
-    phase = jnp.where(velocity < 0, FALLING, RISING)
-    phase = jnp.where((rotation == 0) & (velocity == 0), REST, phase)
-    crossed = rotation >= integration.equation.critical_angle
-    return state._replace(
-        side=side,
-        rotation=rotation,
-        velocity=velocity,
-        phase=jnp.where(rotation >= TOPPLED_ROTATION, TOPPLED, phase),
-        peak=rotation,
-        crossing=jnp.where(crossed, state.time, jnp.nan),
-    )
-
-
 def _wait(integration: Integration, state: State, stop: Reals) -> State:
     """Let a block at rest wait until the input lifts it, or until `stop`."""
     lifted, time, side = integration.uplifts.find_next(state.time, stop)
@@ -269,12 +268,22 @@ def _wait(integration: Integration, state: State, stop: Reals) -> State:
     # A block that is not lifted at once stays at rest, whatever derivatives its initial state
     # has: these become 0, and no value changes. Else they are of the lifted side.
     turns = jnp.where(until > state.time, 0, side * state.side)
+    forces = state.forces
+    if forces is not None:
+        demand, normal = integration.uplifts.find_force_extremes(state.time, until, acts)
+        # Where nothing presses any longer, the input also lifts the block, which ends the wait.
+        loss_time = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
+        # A block that the input lifts at once rotates from then on: none are added.
+        waits = until > state.time
+        added = forces.combine(demand, normal, loss_time)
+        forces = jax.tree.map(lambda new, old: jnp.where(waits, new, old), added, forces)
     return state._replace(
         time=until,
         rotation=turns * state.rotation,
         velocity=turns * state.velocity,
         side=jnp.where(lifted, side, state.side),
         phase=jnp.where(lifted, RISING, REST),
+        forces=forces,
     )
 
 

@@ -28,7 +28,7 @@ from .segment_integration import (
     SegmentState,
     integrate_segment,
 )
-from .solver_steps import Segment, Stepper
+from .solver_steps import Segment, Stepper, choose_first_step
 from .uplift import UpliftTable
 
 # Phases of the motion. The table in `follow_driven` says what each of them does next.
@@ -73,7 +73,6 @@ class Integration:
     driven: Driven
     equation: Equation
     stepper: Stepper
-    rtol: Reals | float
     uplifts: UpliftTable
 
     def begin_segment(self, time: Reals, side: Reals, acts: Booleans) -> Segment:
@@ -81,110 +80,61 @@ class Integration:
         return Segment(self.equation, self.driven.motion, time, side, acts)
 
 
-def add_forces_since(
-    integration: Integration, state: State, since: Reals, acts: Booleans
-) -> ForceExtremes | None:
-    """Add the forces under a block that has not rocked since its last event."""
-    if state.forces is None:
-        return None
-    demand, normal = integration.uplifts.find_force_extremes(since, state.time, acts)
-    # Where nothing presses any longer, the input also lifts the block, which ends the wait.
-    loss_time = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, state.time))
-    return state.forces.combine(demand, normal, loss_time)
-
-
-def _wait_in_balance(
-    integration: Integration, state: State, segment: Segment, stop: Reals
-) -> tuple[Booleans, Booleans, Reals]:
-    """Let a block in balance wait for the next knot of the input, or fall before it.
-
-    In balance the acceleration is exactly 0. Between two knots the input is monotone, so that
-    it stays as it is if it is the same at the next knot: the block waits until then. Otherwise
-    it begins to fall now, in the direction in which the input at the next knot pushes it.
-
-    Returns
-    -------
-    waits : Array of bool
-    falls_back : Array of bool
-        Whether a block that does not wait falls back to the ground, and not outward.
-    end : Array
-        End of the segment.
-    """
-    until = jnp.where(segment.acts, integration.uplifts.next_knot(state.time, stop), stop)
-    fixed, after, y = jax.lax.stop_gradient((segment, until - state.time, state.y))
-    later = fixed.field(after, y)[1]
-    # Still ground does not change at all.
-    waits = (later == 0) | ~segment.acts
-    return waits, later < 0, jnp.where(waits, until, stop)
-
-
-def move_to_event(
-    integration: Integration, state: State, stop: Reals
-) -> tuple[State, Booleans]:
+def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     """Move a block through a segment, and apply the event at its end.
 
     A block that turns out to be at rest stays as it is, with the phase `REST`.
-
-    Returns
-    -------
-    state : State
-    waits : Array of bool
-        Whether the block, in balance, did not move.
     """
     motion = integration.driven.motion
-    critical_angle = integration.equation.critical_angle
     segment = integration.begin_segment(state.time, state.side, motion.acts(state.time))
-    fixed, y = jax.lax.stop_gradient((segment, state.y))
-    acceleration = fixed.field(jnp.zeros_like(stop), y)[1]
+    lifted = (state.rotation == 0) & (state.velocity == 0)
+    beginning = choose_first_step(segment, stop - state.time, state.y, lifted)
+    acceleration = beginning[0][1]
 
     # The input may have jumped at this event. A block without velocity goes where it is
     # accelerated now, whatever the event before made of it.
     still = state.velocity == 0
-    lifted = (state.rotation == 0) & (state.velocity == 0)
     # `FALLING` on the ground: its peak was at rotation 0, and it rests.
     on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
     down = jnp.where(state.rotation > 0, FALLING, on_ground)
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
     phase = jnp.where(still & (acceleration > 0), RISING, phase)
+    # In balance the acceleration is exactly 0. Between two knots the input is monotone, so that
+    # it stays as it is if it is the same at the next knot: the block waits until then, and still
+    # ground does not change at all. Otherwise it begins to fall now, in the direction in which
+    # the input at the next knot pushes it.
     balanced = still & (state.rotation > 0) & (acceleration == 0)
-    # A branch, since it looks at all knots of the input, which hardly any block needs.
-    waits, falls, stop = jax.lax.cond(
-        balanced,
-        lambda: _wait_in_balance(integration, state, segment, stop),
-        lambda: (balanced, balanced, stop),
-    )
-    phase = jnp.where(balanced, jnp.where(falls, FALLING, RISING), phase)
-    state = state._replace(balanced=state.balanced | waits)
+    knot = integration.uplifts.next_knot(state.time, stop)
+    later = jax.lax.stop_gradient(segment.accelerate(knot - state.time, state.rotation))
+    waits = balanced & ((later == 0) | ~segment.acts)
+    stop = jnp.where(waits & segment.acts, knot, stop)
+    phase = jnp.where(balanced, jnp.where(later < 0, FALLING, RISING), phase)
+    state = state._replace(phase=phase, balanced=state.balanced | waits)
 
     # A block that has just been lifted has an acceleration of 0, up to rounding, which must
     # not put it down again at once. One that leaves its balance begins as slowly. The
     # rounding of the clock is added: a shorter time is no motion.
-    slow = lifted | balanced
-    earliest = jnp.where(
-        slow,
-        integration.uplifts.grace_time + _RESOLVED * motion.time_rounding(state.time),
-        0,
-    )
+    grace = integration.uplifts.grace_time + _RESOLVED * motion.time_rounding(state.time)
+    earliest = jnp.where(lifted | balanced, grace, 0)
     end = integrate_segment(
         integration.stepper,
         segment,
         stop - state.time,
         state.y,
-        moves=(phase != REST) & ~waits,
-        lifted=lifted,
+        beginning,
+        moves=phase != REST,
         event_functions=EventFunctions(
             equation=integration.equation,
             rising=phase == RISING,
-            crossed=state.rotation >= critical_angle,
-            earliest=earliest,
+            crossed=state.rotation >= integration.equation.critical_angle,
+            # In balance it does not move at all.
+            earliest=jnp.where(waits, jnp.inf, earliest),
         ),
         forces=state.forces,
     )
-    state = state._replace(phase=phase)
-    state = jax.lax.cond(
+    return jax.lax.cond(
         phase == REST, lambda: state, lambda: _apply_event(integration, stop, state, end)
     )
-    return state, waits
 
 
 def _apply_event(
@@ -232,12 +182,11 @@ def _apply_event(
     next_side = side_after_impact(equation.one_sided, before.side)
     motion = integration.driven.motion
 
-    def accelerate(side: Reals) -> Reals:
-        segment = integration.begin_segment(time, side, motion.acts(time))
-        fixed = jax.lax.stop_gradient((segment, jnp.stack([zero, leaving])))
-        return fixed[0].field(zero, fixed[1])[1]
-
-    deceleration = -accelerate(next_side)
+    # On the other side, and on the side that the block came from.
+    sides = jnp.stack([next_side, before.side])
+    segment = integration.begin_segment(time, sides, motion.acts(time))
+    onward, back = jax.lax.stop_gradient(segment.accelerate(zero, zero))
+    deceleration = -onward
     # From the velocity v, bounces under a constant deceleration d take 2 v / d, 2 C v / d, ...
     # and end after 2 v / ((1 - C) d), although they are infinitely many (Zeno). The block is
     # at rest if that time is
@@ -248,15 +197,16 @@ def _apply_event(
     #   unresolved: the time is so short that the clock does not see it.
     # All that is dropped then is this velocity, even where the input lifts the block again
     # meanwhile. Both sides are multiplied by (1 - C) d, which may be 0.
+    rtol, _ = integration.stepper.tolerances
     pressed = deceleration > 0
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)
-    short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _REST_SHARE * integration.rtol * lost
-    slow = leaving**2 <= 2 * integration.rtol**2 * deceleration * before.peak
+    short = 2 * leaving * jnp.sqrt(equation.p_squared) <= _REST_SHARE * rtol * lost
+    slow = leaving**2 <= 2 * rtol**2 * deceleration * before.peak
     unresolved = 2 * leaving <= _RESOLVED * motion.time_rounding(time) * lost
     rests = lands & pressed & short & (slow | unresolved)
     # Where the input is beyond uplift on the side that the block came from, it lifts the block
     # when the next bounce ends: no value shows that, but the derivative with respect to C.
-    returns = rests & (accelerate(before.side) > 0)
+    returns = rests & (back > 0)
     bounce = 2 * (leaving - jax.lax.stop_gradient(leaving)) / jnp.where(returns, lost, 1)
     return before._replace(
         time=time + jnp.where(returns, bounce, 0),

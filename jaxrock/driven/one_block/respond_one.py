@@ -1,7 +1,6 @@
 """One block by an adaptive integrator: `respond`, its checks and its defaults."""
 
 import contextlib
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +10,7 @@ import numpy as np
 from ...block import Block
 from ...ground_motion import Motion, Record, Suite
 from ...host import Status
-from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ...resonance import ModelLike, Nonlinear, as_model
 from ...validation import (
     Number,
     as_array,
@@ -23,7 +22,7 @@ from ...validation import (
     unify_precision,
 )
 from ..scene import Driven
-from .event_loop import follow_driven_jitted
+from .event_loop import follow_concrete, follow_driven_jitted
 from .response import Response
 
 _SOLVERS = "Tsit5", "Dopri5", "Dopri8"
@@ -140,37 +139,31 @@ def respond(  # noqa: PLR0913
             f"max_impacts must be a whole number from 0 on, got {describe(max_impacts)}"
         )
     # Tolerances are arrays: with another one nothing is compiled anew.
-    settings = _Settings(
-        rtol=np.asarray(rtol, dtype),
-        atol=np.asarray(atol, dtype),
-        model=as_model(model),
-        method=solver,
-    )
+    settings = {
+        "rtol": np.asarray(rtol, dtype),
+        "atol": np.asarray(atol, dtype),
+        "model": as_model(model),
+        "method": solver,
+    }
+    # Motions of many shapes share one program; the response keeps the motion as it is.
+    bucketed = driven.bucketed()
+    concrete = not is_traced(driven)
+    on_processor = concrete and jax.default_backend() == "cpu"
+    follow = follow_concrete if on_processor else follow_driven_jitted
+    max_impacts = _MAX_IMPACTS if concrete else max_impacts
     with contextlib.ExitStack() as stack:
         # Only where they are on: each change of the configuration compiles anew.
         if jax.config.jax_debug_nans:
             stack.enter_context(jax.debug_nans(False))
         if jax.config.jax_check_tracer_leaks:
             stack.enter_context(jax.check_tracer_leaks(False))
-        if is_traced(driven):
-            # A motion of concrete numbers can be padded all the same, as below.
-            response = _follow(driven.bucketed(), settings, max_impacts)
-            return eqx.tree_at(lambda r: r.scene, response, driven)
-        return _respond_with_full_lists(driven, settings)
-
-
-class _Settings(NamedTuple):
-    """Settings of the integration, as `follow_driven` takes them."""
-
-    rtol: np.ndarray
-    atol: np.ndarray
-    model: RockingModel
-    method: str
-
-
-def _follow(driven: Driven, settings: _Settings, max_impacts: int) -> Response:
-    """Follow a block with lists of a length, by the compiled program."""
-    return follow_driven_jitted(driven, **settings._asdict(), max_impacts=max_impacts).response
+        response = follow(bucketed, **settings, max_impacts=max_impacts).response
+        # Rarely needed: each length of the lists is a program of its own.
+        while concrete and int(response.status) == Status.LIST_FULL:
+            max_impacts *= 32
+            response = follow(bucketed, **settings, max_impacts=max_impacts).response
+    response = eqx.tree_at(lambda r: r.scene, response, driven)
+    return _cut_lists(response) if concrete else response
 
 
 def _check_scalar(driven: Driven) -> None:
@@ -187,13 +180,15 @@ def _choose_tolerances(
     rtol: float | None, atol: float | None, dtype: np.dtype
 ) -> tuple[float, float]:
     """Check the tolerances, and choose the ones that are not given."""
-    for name, value in (("rtol", rtol), ("atol", atol)):
-        as_real(name, 0 if value is None else value)  # refuses strings
     # No step can be sure of less than some units in the last place: the control would make
     # steps shorter and shorter.
     least = 20 * float(jnp.finfo(dtype).eps)
-    rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
-    atol = 1e-9 * rtol if atol is None else float(atol)
+    rtol = (
+        (1e-8 if dtype == np.float64 else 1e-5)
+        if rtol is None
+        else float(as_real("rtol", rtol))
+    )
+    atol = 1e-9 * rtol if atol is None else float(as_real("atol", atol))
     if not least <= rtol < 1:
         raise ValueError(
             f"rtol must be less than 1 and at least {least:.1g}, which is what {dtype}"
@@ -204,25 +199,17 @@ def _choose_tolerances(
     return rtol, atol
 
 
-def _respond_with_full_lists(driven: Driven, settings: _Settings) -> Response:
-    """Respond to concrete numbers, with lists of just the right length."""
-    # Motions of many shapes share one program; the response keeps the motion as it is.
-    bucketed = driven.bucketed()
-    max_impacts = _MAX_IMPACTS
-    response = _follow(bucketed, settings, max_impacts)
-    # Rarely needed: each length of the lists is a program of its own.
-    while int(response.status) == Status.LIST_FULL:
-        max_impacts *= 32
-        response = _follow(bucketed, settings, max_impacts)
-    events = int(np.isfinite(response.events.time).sum())
+def _cut_lists(response: Response) -> Response:
+    """Cut the lists of a concrete response to the right length."""
 
     def get_lists(r: Response) -> tuple:
         return r.impact_times, r.impact_velocities, *jax.tree.leaves(r.events)
 
+    events = int(np.isfinite(response.events.time).sum())
     sizes = [int(response.impacts)] * 2 + [events] * 4
     # In NumPy, which compiles nothing.
     cut = [
         as_array(np.asarray(rows)[:n])
         for rows, n in zip(get_lists(response), sizes, strict=True)
     ]
-    return eqx.tree_at(lambda r: (*get_lists(r), r.scene), response, (*cut, driven))
+    return eqx.tree_at(get_lists, response, tuple(cut))

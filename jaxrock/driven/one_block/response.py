@@ -18,7 +18,7 @@ from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from ..scene import Driven
 from .segment_integration import integrate_segment
-from .solver_steps import Segment, Stepper
+from .solver_steps import Segment, Stepper, choose_first_step
 
 if TYPE_CHECKING:
     import xarray
@@ -128,8 +128,7 @@ class Response(Shown, eqx.Module):
             raise ValueError(
                 "max_impacts must be at least 1 in `respond` for a history, got 0"
             )
-        leaves = jax.tree.leaves((driven, events, times))
-        if is_traced(leaves):
+        if is_traced((driven, events, times)):
             flat = times.astype(events.time.dtype).reshape(-1)
             parts = _compute_history(driven, events, self.model, flat)
             return parts[0].reshape(shape), parts[1].reshape(shape)
@@ -255,7 +254,8 @@ def _compute_history(
         segment = Segment(equation, driven.motion, event.time, event.side, acts)
         length = jnp.where(moves, time - event.time, 0)
         y = jnp.stack([event.rotation, event.velocity])
-        end = integrate_segment(stepper, segment, length, y, moves=moves, lifted=lifted)
+        beginning = choose_first_step(segment, length, y, lifted)
+        end = integrate_segment(stepper, segment, length, y, beginning, moves=moves)
         known = inside & (end.elapsed >= length)
         rotation, velocity = (
             jnp.where(known, event.side * part + 0.0, jnp.nan) for part in end.y

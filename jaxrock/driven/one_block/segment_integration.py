@@ -6,10 +6,10 @@ An event is a zero of one of the `EventFunctions`. It is found in three stages:
    accepted step has a zero inside, and only one: a segment is monotone, and `limit_step` lets
    a step pass over one peak at most.
 2. *Bracket.* Unless the step ends so close to the event that stage 3 suffices, it is
-   discarded. The interpolant of the solver, which costs no evaluation of the equation, is
-   bisected for the time of the event, and the step is repeated so that it ends there. The
-   interpolant is less exact than the steps themselves, for Dopri8 by orders of magnitude, so
-   that its zero is only a first guess.
+   discarded. The quintic through both ends of the step (`Arc`), which costs no evaluation of
+   the equation, is bisected for the time of the event, and the step is repeated so that it ends
+   there. The quintic is less exact than the steps themselves, so that its zero is only a first
+   guess.
 3. *Reach.* From the end of a step the motion goes on along its Taylor polynomial, back to the
    zero of the event function (`_reach_event`). Newton's method, whose steps are part of the
    program, gives the time its derivatives too: nothing else has to be done for them.
@@ -17,18 +17,14 @@ An event is a zero of one of the `EventFunctions`. It is found in three stages:
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import PyTree
 
 from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION
 from .contact_forces import ForceExtremes, add_step
-from .packed_loop import repeat_packed
-from .solver_steps import Segment, Step, Stepper, choose_first_step, limit_step
+from .solver_steps import Arc, Segment, Stepper, limit_step
 
 # How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it
 # passes the critical angle; the time is over.
@@ -53,18 +49,16 @@ _NEWTON_STEPS = 4
 _BEND = 1e-2
 
 
-class EventFunctions(eqx.Module):
+class EventFunctions(NamedTuple):
     """Event functions g(y) of a segment, each positive before its event.
 
-    They are linear in the state y, scaled by the critical angle and the frequency parameter:
-
-    ==========  =========================  =========================
-    event       g of a rising block        g of a falling block
-    ==========  =========================  =========================
-    `PEAK`      velocity                   -velocity
-    `CONTACT`   pi / 2 - rotation          rotation
-    `CRITICAL`  alpha_c - rotation         none (infinite)
-    ==========  =========================  =========================
+    ==========  =======================  =======================
+    event       g of a rising block      g of a falling block
+    ==========  =======================  =======================
+    `PEAK`      velocity / p             -velocity / p
+    `CONTACT`   pi / 2 - rotation        rotation
+    `CRITICAL`  alpha_c - rotation       none (infinite)
+    ==========  =======================  =======================
 
     A block that begins its segment beyond the critical angle has no `CRITICAL` either.
     """
@@ -74,23 +68,21 @@ class EventFunctions(eqx.Module):
     crossed: Booleans  # the segment begins beyond the critical angle
     earliest: Reals  # time from which on an event counts
 
+    def weigh(self, event: Integers) -> tuple[Reals, Reals]:
+        """Return the derivatives of an event function over rotation and velocity."""
+        p = jnp.sqrt(self.equation.p_squared)
+        up = jnp.where(self.rising, 1, -1).astype(p.dtype)
+        peaks = event == PEAK
+        return jnp.where(peaks, 0, -up), jnp.where(peaks, up / p, 0)
+
     def evaluate(self, y: Reals) -> Reals:
         """Evaluate the functions of `PEAK`, `CONTACT` and `CRITICAL` for a state."""
-        unit = 1 / self.equation.critical_angle
-        none = jnp.zeros_like(self.earliest)
-        contact = jnp.where(self.rising, TOPPLED_ROTATION * unit, 0)
-        critical = jnp.where(self.rising & ~self.crossed, 1, jnp.inf)
-        return jnp.stack([none, contact, critical]) + self.apply_linear_part(y)
-
-    # Jitted, so that it enters the program once, however often it is called.
-    @jax.jit
-    def apply_linear_part(self, y: Reals) -> Reals:
-        """Apply the linear part of the functions to a state, or to its derivative in time."""
-        unit = 1 / self.equation.critical_angle
-        up = jnp.where(self.rising, unit, -unit)
-        critical = jnp.where(self.rising & ~self.crossed, -unit, 0)
-        peak = up / jnp.sqrt(self.equation.p_squared)
-        return jnp.stack([peak * y[1], -up * y[0], critical * y[0]])
+        rotation, velocity = y
+        _, peak = self.weigh(jnp.array(PEAK))
+        contact = jnp.where(self.rising, TOPPLED_ROTATION - rotation, rotation)
+        below = self.rising & ~self.crossed
+        critical = jnp.where(below, self.equation.critical_angle - rotation, jnp.inf)
+        return jnp.stack([peak * velocity, contact, critical])
 
 
 class SegmentState(NamedTuple):
@@ -98,6 +90,7 @@ class SegmentState(NamedTuple):
 
     elapsed: Reals  # time since the segment began
     y: Reals  # rotation and velocity at that time
+    rates: Reals  # of both
     step_end: Reals  # time at which the next step is to end
     wanted_length: Reals  # of the next step, before kinks and peaks limited it
     repetitions: Integers  # number of the repetition that comes next, 0 for a new step
@@ -105,7 +98,6 @@ class SegmentState(NamedTuple):
     done: Booleans
     forces: ForceExtremes | None  # None where nobody asks for them
     steps: Integers  # that have been tried
-    solver_state: PyTree
 
 
 def integrate_segment(
@@ -113,9 +105,9 @@ def integrate_segment(
     segment: Segment,
     length: Reals,
     y: Reals,
+    beginning: tuple[Reals, Reals],
     *,
     moves: Booleans,
-    lifted: Booleans,
     event_functions: EventFunctions | None = None,
     forces: ForceExtremes | None = None,
 ) -> SegmentState:
@@ -129,10 +121,10 @@ def integrate_segment(
         Time after which the segment ends if there is no event before [s].
     y : Array, shape (2,)
         Rotation and velocity at its beginning.
+    beginning : tuple of Array
+        Rates of both, and the end of the first step; see `choose_first_step`.
     moves : Array of bool
         Where this is False no step is taken.
-    lifted : Array of bool
-        Whether the input has just lifted the block from the ground.
     event_functions : EventFunctions, optional
         None for no events, as in a history, whose events are known.
     forces : ForceExtremes, optional
@@ -140,21 +132,19 @@ def integrate_segment(
     """
     zero = jnp.zeros_like(length)
     none = jnp.zeros((), int)
-    step_end = choose_first_step(segment, length, y, lifted)
-    solver_state = stepper.begin(segment, y)
     begin = SegmentState(
         elapsed=zero,
         y=y,
-        step_end=step_end,
+        rates=beginning[0],
+        step_end=jnp.minimum(beginning[1], length),
         wanted_length=zero,
         repetitions=none,
         event=none + STOP,
         done=~moves,
         forces=forces,
         steps=none,
-        solver_state=solver_state,
     )
-    return repeat_packed(
+    return jax.lax.while_loop(
         lambda state: ~state.done & (state.steps < _MAX_STEPS),
         lambda state: _advance(stepper, segment, length, event_functions, state),
         begin,
@@ -185,194 +175,163 @@ def _advance(
     #                       |   step, or y is NaN               |
     #
     # One call of the solver serves all states: it is most of the program.
-    step = stepper.step(
-        segment, before.elapsed, before.step_end, before.y, before.solver_state
+    end = before.step_end
+    tried, accepted, next_length = stepper.step(
+        segment, before.elapsed, end, before.y, before.rates
     )
+    arc = tried
     repeats = before.repetitions > 0
     event = before.event
-    advances = step.accepted & ~repeats
+    advances = accepted & ~repeats
     detected = jnp.array(False)
     reached = jnp.array(False)
-    end = before.step_end
-    last = step.y
+    bracket_end = end
     if event_functions is not None:
-        # Which event it is has no derivative. Over all of a step more than one function may
-        # have changed its sign: the first repetition, which ends within the bracket of the
-        # earliest, decides again.
-        event_values = jax.lax.stop_gradient(event_functions).evaluate(
-            jax.lax.stop_gradient(step.y)
-        )
-        ended = event_values <= 0
-        detected = advances & (before.step_end > event_functions.earliest) & ended.any()
+        # Over all of a step more than one function may have changed its sign: the first
+        # repetition, which ends within the bracket of the earliest, decides again.
+        values = event_functions.evaluate(arc.last)
+        ended = values <= 0
+        detected = advances & (end > event_functions.earliest) & ended.any()
         advances = advances & ~detected
-        event = jnp.where(
-            detected | (before.repetitions == 1), jnp.argmin(event_values), event
-        )
-        reaches = repeats | (ended.sum() == 1)
-        reached, end, last = jax.lax.cond(
+        event = jnp.where(detected | (before.repetitions == 1), jnp.argmin(values), event)
+        # The last repetition counts as it is.
+        may_reach = repeats | (ended.sum() == 1)
+        forced = before.repetitions >= _REPETITIONS
+        reached, arc = jax.lax.cond(
             repeats | detected,
-            lambda: _reach_event(segment, event_functions, before, step.y, event, reaches),
-            lambda: (reached, end, last),
+            lambda: _reach_event(
+                segment, event_functions, arc, event, values, may_reach, forced
+            ),
+            lambda: (reached, arc),
         )
-    done = (advances & (before.step_end >= length)) | reached
+        misses = detected & ~reached
+        bracket_end = _bracket_event(event_functions, tried, misses)
+        bracket_end = jnp.where(misses, bracket_end, arc.end)
+    done = (advances & (end >= length)) | reached
     repetitions = jnp.where((repeats | detected) & ~reached, before.repetitions + 1, 0)
 
     # Steps that are rejected or will be repeated leave the state where it was.
     counts = advances | done
-    elapsed = jnp.where(counts, end, before.elapsed)
-    y = jnp.where(counts, last, before.y)
+    elapsed = jnp.where(counts, arc.end, before.elapsed)
+    y = jnp.where(counts, arc.last, before.y)
+    rates = jnp.where(counts, arc.last_rates, before.rates)
+    forces = before.forces
+    if forces is not None:
+        forces = add_step(forces, segment, arc, counts)
 
     # A kink of the input cuts steps short, and from a short step the controller proposes a
     # short one. What it had proposed before the cut still holds.
-    wanted = jnp.where(
-        advances, jnp.maximum(step.next_length, before.wanted_length), step.next_length
-    )
-    acceleration, forces = _add_forces(segment, before, end, last, advances, counts)
-    step_end = limit_step(segment, length, elapsed, elapsed + wanted, y, acceleration)
-    step_end = jnp.where(repeats, end, step_end)
-    if event_functions is not None:
-        next_end = step_end
-        step_end = jax.lax.cond(
-            detected & ~reached,
-            lambda: _bracket_event(stepper, event_functions, before, step),
-            lambda: next_end,
-        )
+    wanted = jnp.where(advances, jnp.maximum(next_length, before.wanted_length), next_length)
+    step_end = limit_step(segment, length, elapsed, elapsed + wanted, y, rates[1])
+    step_end = jnp.where(repeats | detected, bracket_end, step_end)
 
     # Written so that a NaN counts as no progress.
     stuck = ~done & ~repeats & ~detected & ~(step_end > elapsed)
-    y = jnp.where(stuck, jnp.nan, y)
-    # Only a step that advances has a proposal that a kink may have cut.
-    wanted = jnp.where(advances, wanted, 0)
-    done = done | stuck
-    steps = before.steps + 1
-    states = step.solver_state, before.solver_state
-    solver_state = jax.tree.map(lambda new, old: jnp.where(advances, new, old), *states)
     return SegmentState(
         elapsed=elapsed,
-        y=y,
+        y=jnp.where(stuck, jnp.nan, y),
+        rates=rates,
         step_end=step_end,
-        wanted_length=wanted,
+        # Only a step that advances has a proposal that a kink may have cut.
+        wanted_length=jnp.where(advances, wanted, 0),
         repetitions=repetitions,
         event=event,
-        done=done,
+        done=done | stuck,
         forces=forces,
-        steps=steps,
-        solver_state=solver_state,
+        steps=before.steps + 1,
     )
 
 
-def _add_forces(
-    segment: Segment,
-    before: SegmentState,
-    end: Reals,
-    last: Reals,
-    advances: Booleans,
-    counts: Booleans,
-) -> tuple[Reals, ForceExtremes | None]:
-    """Add the forces in a step, if it counts; return the acceleration where the next begins."""
-    forces = before.forces
-    # The forces need both ends of the step: the same evaluation serves the limit.
-    times = jnp.stack([before.elapsed, end])
-    states = jnp.stack([before.y, last], axis=1)
-    accelerations = segment.field(times, states)[1]
-    acceleration = jnp.where(advances, accelerations[1], accelerations[0])
-    if forces is not None:
-        forces = add_step(forces, segment, times, states, accelerations, counts)
-    return acceleration, forces
+def _bracket_event(event_functions: EventFunctions, arc: Arc, misses: Booleans) -> Reals:
+    """Bracket the event in a step by bisection on its interpolant; return the later end.
 
-
-def _bracket_event(
-    stepper: Stepper, event_functions: EventFunctions, before: SegmentState, step: Step
-) -> Reals:
-    """Bracket the event in a step by bisection on the interpolant; return the later end."""
+    Only if `misses`: otherwise the end of the step is returned.
+    """
     # Derivatives of a bisection mean nothing; the refinements bring the right ones.
-    event_functions, before, step = jax.lax.stop_gradient((event_functions, before, step))
-    limits = jnp.finfo(before.elapsed.dtype)
+    event_functions, arc = jax.lax.stop_gradient((event_functions, arc))
+    limits = jnp.finfo(arc.end.dtype)
     # Below this time the relative width of a bracket would underflow: the loop would not end.
     smallest = float(limits.tiny) / float(limits.eps)
 
     def is_wide(bracket: tuple[Reals, Reals]) -> Booleans:
-        return bracket[1] - bracket[0] > _BRACKET_WIDTH * jnp.maximum(bracket[1], smallest)
+        width = _BRACKET_WIDTH * jnp.maximum(bracket[1], smallest)
+        return misses & (bracket[1] - bracket[0] > width)
 
     def halve(bracket: tuple[Reals, Reals]) -> tuple[Reals, Reals]:
         middle = 0.5 * (bracket[0] + bracket[1])
-        y = stepper.interpolate(before.elapsed, before.step_end, step, middle)
-        ended = (event_functions.evaluate(y).min() <= 0) & (middle > event_functions.earliest)
+        y = arc.interpolate((middle - arc.begin) / (arc.end - arc.begin))
+        values = event_functions.evaluate(jnp.stack(y))
+        ended = (values.min() <= 0) & (middle > event_functions.earliest)
         return jnp.where(ended, bracket[0], middle), jnp.where(ended, middle, bracket[1])
 
-    return jax.lax.while_loop(is_wide, halve, (before.elapsed, before.step_end))[1]
+    return jax.lax.while_loop(is_wide, halve, (arc.begin, arc.end))[1]
 
 
 def _reach_event(
     segment: Segment,
     event_functions: EventFunctions,
-    before: SegmentState,
-    y: Reals,
+    arc: Arc,
     event: Integers,
+    values: Reals,
     may_reach: Booleans,
-) -> tuple[Booleans, Reals, Reals]:
+    forced: Booleans,
+) -> tuple[Booleans, Arc]:
     """Go from the end of a step to an event close to it, along the Taylor polynomial.
 
     Parameters
     ----------
     segment : Segment
     event_functions : EventFunctions
-    before : SegmentState
-        Before the step.
-    y : Array, shape (2,)
-        The state at the end of the step.
+    arc : Arc
+        The step.
     event : Array of int
+    values : Array, shape (3,)
+        Of the event functions at the end of the step.
     may_reach : Array of bool
         False where several events lie in the step.
+    forced : Array of bool
+        Whether the segment ends here in any case.
 
     Returns
     -------
     reached : Array of bool
         Whether the segment ends here.
-    time : Array
-        Of the event, or a better guess of it.
-    y : Array, shape (2,)
-        State at this time.
+    arc : Arc
+        The step to the event; where the event is not reached, up to a better guess of its time.
     """
-    end = before.step_end
-    rotation, velocity = y
-    acceleration = segment.field(end, y)[1]
+    end = arc.end
+    rotation, velocity = arc.last
 
-    def accelerate(time: Reals) -> Reals:
-        """Compute the acceleration after a time, exact to its second derivative."""
-        moved = rotation + time * (velocity + 0.5 * time * acceleration)
-        return segment.field(end + time, jnp.stack([moved, velocity]))[1]
+    def differentiate_ground(time: Reals) -> tuple[Reals, Reals]:
+        return jax.jvp(segment.ground, (time,), (jnp.ones_like(time),))[1]
 
-    def change(time: Reals) -> Reals:
-        """Compute the derivative of the acceleration after a time."""
-        return jax.jvp(accelerate, (time,), (jnp.ones_like(time),))[1]
-
-    here = jnp.zeros_like(end)
-    jerk, snap = jax.jvp(change, (here,), (jnp.ones_like(here),))
-    # The function of the event as a polynomial in the time after the end, of these powers.
-    derivatives = jnp.stack(
-        [
-            jnp.stack([velocity, acceleration, jerk, snap]),
-            jnp.stack([acceleration, jerk, snap, here]),
-        ]
+    first, second = jax.jvp(differentiate_ground, (end,), (jnp.ones_like(end),))
+    inputs = (jnp.stack(part) for part in zip(segment.ground(end), first, second, strict=True))
+    acceleration, jerk, snap = segment.equation.expand_acceleration(
+        rotation, velocity, *inputs
     )
-    inverse_factorials = 1 / np.array([1, 2, 6, 24])
-    powers = event_functions.apply_linear_part(derivatives)[event]
-    slope, bend, third, fourth = powers * jnp.asarray(inverse_factorials, powers.dtype)
-    value = event_functions.evaluate(y)[event]
+    # Rotation and velocity as polynomials in the time after the end, of the powers 1 to 4.
+    rates = velocity, 0.5 * acceleration, jerk / 6, snap / 24
+    velocity_rates = acceleration, 0.5 * jerk, snap / 6, jnp.zeros_like(end)
+    on_rotation, on_velocity = event_functions.weigh(event)
+    slope, bend, third, fourth = (
+        on_rotation * r + on_velocity * v for r, v in zip(rates, velocity_rates, strict=True)
+    )
+    value = values[event]
     # A function that does not fall here has no event here: the end stands.
     falls = slope < 0
     steep = jnp.where(falls, slope, -1)
     newton = value / steep
     ratio = newton * bend / steep
-    near = falls & (jnp.abs(newton) <= _REACH * (end - before.elapsed))
+    near = falls & (jnp.abs(newton) <= _REACH * (end - arc.begin))
     near = near & (jnp.abs(ratio) <= _BEND) & (end - newton > event_functions.earliest)
-    back = -here
-    for _ in range(_NEWTON_STEPS):
-        change_of_value = back * (slope + back * (bend + back * (third + back * fourth)))
-        tangent = slope + back * (2 * bend + back * (3 * third + back * 4 * fourth))
-        back = back - (value + change_of_value) / jnp.where(near, tangent, -1)
 
+    def take_newton_step(_: object, back: Reals) -> Reals:
+        change = back * (slope + back * (bend + back * (third + back * fourth)))
+        tangent = slope + back * (2 * bend + back * (3 * third + back * 4 * fourth))
+        return back - (value + change) / jnp.where(near, tangent, -1)
+
+    back = jax.lax.fori_loop(0, _NEWTON_STEPS, take_newton_step, jnp.zeros_like(end))
     # Out of reach, Halley's method guesses the time, as a series to the second power of
     # Newton's step, which has no denominator that could vanish. A move that leaves the
     # bracket, with room for the error of the interpolant, is dropped, for example where a
@@ -381,13 +340,15 @@ def _reach_event(
     move = jnp.where(falls, newton * (1 + ratio), 0)
     fixed = jax.lax.stop_gradient(move)
     stays = jnp.abs(fixed) > 1e3 * _BRACKET_WIDTH * end
-    reached = (near & may_reach) | (before.repetitions >= _REPETITIONS)
+    reached = (near & may_reach) | forced
     shift = jnp.where(near, back, fixed - move)
     guess = jax.lax.stop_gradient(end) - jnp.where(stays, 0, fixed)
+
+    def follow(rates: tuple[Reals, ...]) -> Reals:
+        first, second, third, fourth = rates
+        return shift * (first + shift * (second + shift * (third + shift * fourth)))
+
+    last = arc.last + jnp.stack([follow(rates), follow(velocity_rates)])
+    last_rates = jnp.stack([last[1], acceleration + shift * (jerk + 0.5 * shift * snap)])
     time = jnp.where(reached, end + shift, guess)
-    further = (0.5 * acceleration, jerk / 6, snap / 24)
-    rotation = rotation + shift * (
-        velocity + shift * (further[0] + shift * (further[1] + shift * further[2]))
-    )
-    velocity = velocity + shift * (acceleration + shift * (0.5 * jerk + shift * snap / 6))
-    return reached, time, jnp.stack([rotation, velocity])
+    return reached, arc._replace(end=time, last=last, last_rates=last_rates)

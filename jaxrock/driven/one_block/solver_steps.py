@@ -3,13 +3,14 @@
 In a *segment* the block stays on one side and its rotation is monotone. Time is counted from
 the beginning of the segment, so that the smallest bounce keeps all its digits.
 
-Diffrax is called step by step, since two of its parts do not fit here:
+Diffrax is called step by step, since three of its parts do not fit here:
 
 - Its choice of the first step (``dt0=None``) takes the motion at the beginning as typical.
   For blocks that start on the ground, its first step passed over the whole arc in 704 of
   2,000 random cases. So the first step comes from the physics (`choose_first_step`).
 - Its search for events ends on the interpolant, whose error exceeds the error of a step. So
   `segment_integration` repeats the step to the event.
+- Its control of the length of steps keeps a history that one segment does not need.
 """
 
 from typing import NamedTuple
@@ -17,7 +18,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import PyTree
 
 from ...ground_motion import Motion
 from ...validation import Booleans, Reals
@@ -49,23 +49,54 @@ class Segment(eqx.Module):
         return self.side * horizontal * over_g, vertical * over_g
 
     @jax.jit
+    def accelerate(self, time: Reals, rotation: Reals) -> Reals:
+        """Angular acceleration [rad/s2]."""
+        return self.equation.acceleration(rotation, *self.ground(time))
+
     def field(self, time: Reals, y: Reals) -> Reals:
         """Rates of rotation and velocity: the right-hand side of y' = f(t, y)."""
-        return jnp.stack([y[1], self.equation.acceleration(y[0], *self.ground(time))])
+        return jnp.stack([y[1], self.accelerate(time, y[0])])
 
 
-class Step(NamedTuple):
-    """A trial step and what the step-size control makes of it."""
+class Arc(NamedTuple):
+    """The motion in a step: times since the segment began, states and their rates at both ends."""
 
-    y: Reals  # the state at its end
-    accepted: Booleans
-    next_length: Reals  # of the next step, or of this one when it is repeated
-    interpolant: PyTree  # from which the solver interpolates the states between
-    solver_state: PyTree
+    begin: Reals
+    end: Reals
+    y: Reals  # rotation and velocity at the beginning
+    rates: Reals
+    last: Reals  # rotation and velocity at the end
+    last_rates: Reals
+
+    def interpolate(self, share: Reals) -> tuple[Reals, Reals]:
+        """Interpolate rotation and velocity at shares of the step, by a quintic.
+
+        It goes through the rotation, velocity and acceleration of both ends.
+        """
+        # In units of the step: `drift` is the first derivative, `bend` half the second one.
+        step = self.end - self.begin
+        (drift, curvature), (last_drift, last_curvature) = (
+            step * self.rates,
+            step * self.last_rates,
+        )
+        bend = 0.5 * step * curvature
+        # The parabola from the beginning, with a term in s^3, s^4 and s^5 for its errors at the
+        # end: of the rotation, of the first derivative, and of half the second one.
+        excess = self.last[0] - self.y[0] - drift - bend
+        steeper = last_drift - drift - 2 * bend
+        sharper = 0.5 * step * last_curvature - bend
+        third = 10 * excess - 4 * steeper + sharper
+        fourth = -15 * excess + 7 * steeper - 2 * sharper
+        fifth = 6 * excess - 3 * steeper + sharper
+        rotation, slope = fifth * share + fourth, fifth
+        for coefficient in (third, bend, drift, self.y[0]):
+            slope = slope * share + rotation
+            rotation = rotation * share + coefficient
+        return rotation, slope / jnp.where(step > 0, step, 1)
 
 
 class Stepper:
-    """Diffrax's solver and step-size control, one step at a time."""
+    """Steps of one of diffrax's solvers, and the control of their length."""
 
     def __init__(self, method: str, rtol: Reals | float, atol: Reals | float):
         import diffrax  # which loads slowly
@@ -73,36 +104,30 @@ class Stepper:
         # The default way to run over the stages has no forward derivatives; "lax" has.
         self.solver = getattr(diffrax, method)(scan_kind="lax")
         self.term = diffrax.ODETerm(lambda t, y, segment: segment.field(t, y))
-        self.controller = diffrax.PIDController(rtol=rtol, atol=atol)
-        self.order = self.solver.error_order(self.term)
-
-    def begin(self, segment: Segment, y: Reals) -> PyTree:
-        """Make the state of the solver before the first step of a segment."""
-        zero = jnp.zeros_like(y[0])
-        return self.solver.init(self.term, zero, zero + 1, y, segment)
+        self.tolerances = rtol, atol
 
     def step(
-        self, segment: Segment, begin: Reals, end: Reals, y: Reals, solver_state: PyTree
-    ) -> Step:
-        """Try a step from one time to another."""
-        last, error, interpolant, solver_state, _ = self.solver.step(
-            self.term, begin, end, y, segment, solver_state, made_jump=False
+        self, segment: Segment, begin: Reals, end: Reals, y: Reals, rates: Reals
+    ) -> tuple[Arc, Booleans, Reals]:
+        """Try a step; return whether it is accurate, and the length of the next one."""
+        last, error, _, (_, last_rates), _ = self.solver.step(
+            self.term, begin, end, y, segment, (jnp.array(False), rates), made_jump=False
         )
-        inverse_error = jnp.ones_like(begin)
+        arc = Arc(begin, end, y, rates, last, last_rates)
         # The length of a step has no derivative: results do not depend on it, up to the
         # tolerance, but its derivative would enter them and be noise.
-        tried = jax.lax.stop_gradient((begin, end, y, last, None, error))
-        accepted, start, stop, *_ = self.controller.adapt_step_size(
-            *tried, self.order, (inverse_error, inverse_error, jnp.array(False))
+        start, last, error, length = jax.lax.stop_gradient((y, last, error, end - begin))
+        rtol, atol = self.tolerances
+        scaled = error / (atol + rtol * jnp.maximum(jnp.abs(start), jnp.abs(last)))
+        size = jnp.sqrt(jnp.mean(scaled**2))
+        accepted = size < 1
+        # Of order 5 for Tsit5: what is rejected becomes shorter, the next one at most 10 times
+        # as long.
+        power = -1 / self.solver.error_order(self.term)
+        factor = jnp.clip(
+            0.9 * size**power, jnp.where(accepted, 1, 0.2), jnp.where(accepted, 10, 0.9)
         )
-        length = jnp.asarray(stop - start)
-        return Step(last, jnp.asarray(accepted), length, interpolant, solver_state)
-
-    def interpolate(self, begin: Reals, end: Reals, step: Step, time: Reals) -> Reals:
-        """Interpolate the state at a time within a step."""
-        return self.solver.interpolation_cls(t0=begin, t1=end, **step.interpolant).evaluate(
-            time
-        )
+        return arc, accepted, length * factor
 
 
 @jax.jit
@@ -130,25 +155,26 @@ def limit_step(
     return jnp.where(stop <= end + near, stop, end)
 
 
-def choose_first_step(segment: Segment, length: Reals, y: Reals, lifted: Booleans) -> Reals:
-    """Choose the end of the first step, which is at most a quarter of the arc, or just its end.
+def choose_first_step(
+    segment: Segment, length: Reals, y: Reals, lifted: Booleans
+) -> tuple[Reals, Reals]:
+    """Evaluate the rates where a segment begins, and choose the end of its first step.
 
-    Nor is it more than a twentieth of 1 / p, or half the time until the acceleration changes
-    its sign. The acceleration of a block that has just been lifted has no sign, up to
-    rounding.
+    It is at most a quarter of the arc, or just its end. Nor is it more than a twentieth of
+    1 / p, or half the time until the acceleration changes its sign. The acceleration of a block
+    that has just been lifted has no sign, up to rounding.
     """
-    zero = jnp.zeros_like(length)
-    fixed, longest, y = jax.lax.stop_gradient((segment, length, y))
-    rotation, velocity = y
-
     # At most a twentieth of the block's own time, and no further than the input is smooth.
+    fixed, longest, origin = jax.lax.stop_gradient((segment, length, segment.origin))
     step = jnp.minimum(longest, 0.05 / jnp.sqrt(fixed.equation.p_squared))
-    kink = fixed.motion.next_kink(fixed.origin) - fixed.origin
+    kink = fixed.motion.next_kink(origin) - origin
     step = jnp.where(kink > 0, jnp.minimum(step, kink), step)
+    times = jnp.stack([jnp.zeros_like(step), 0.5 * step, step])
+    accelerations = segment.accelerate(times, y[0])
+    first, middle, last = jax.lax.stop_gradient(accelerations)
+    rotation, velocity = jax.lax.stop_gradient(y)
 
     # If the acceleration changes its sign meanwhile, linearly, half the time until then.
-    times = jnp.stack([zero, 0.5 * step, step])
-    first, middle, last = fixed.field(times, jnp.stack([y, y, y], axis=1))[1]
     changes_sign = (first * last < 0) & ~lifted
     share = first / jnp.where(changes_sign, first - last, 1)
     jerk = (last - first) / jnp.where(step > 0, step, 1)
@@ -166,7 +192,8 @@ def choose_first_step(segment: Segment, length: Reals, y: Reals, lifted: Boolean
     arc = jnp.where(falls, _find_impact(rotation, velocity, first, jerk), arc)
     arc = jnp.where(linear & (arc < jnp.inf), (1 + _OVERSHOOT) * arc, quarter)
     step = jnp.minimum(step, arc)
-    return limit_step(segment, length, zero, step, y, first)
+    step_end = limit_step(segment, length, jnp.zeros_like(length), step, y, first)
+    return jnp.stack([y[1], accelerations[0]]), step_end
 
 
 def _find_peak(velocity: Reals, acceleration: Reals, jerk: Reals) -> Reals:
@@ -178,11 +205,12 @@ def _find_peak(velocity: Reals, acceleration: Reals, jerk: Reals) -> Reals:
 
 def _find_impact(rotation: Reals, velocity: Reals, acceleration: Reals, jerk: Reals) -> Reals:
     """Estimate when a rotation vanishes under a linear acceleration; inf if it does not."""
-    time = jnp.zeros_like(rotation)
-    # The equivalent constant acceleration is the acceleration after a third of the time.
-    for _ in range(4):
+
+    def improve(_: object, time: Reals) -> Reals:
+        # The equivalent constant acceleration is the acceleration after a third of the time.
         mean = acceleration + jerk * jnp.where(time < jnp.inf, time, 0) / 3
         square = velocity**2 - 2 * mean * rotation
         root = jnp.sqrt(jnp.maximum(square, 0)) - velocity
-        time = jnp.where((square >= 0) & (root > 0), 2 * rotation / root, jnp.inf)
-    return time
+        return jnp.where((square >= 0) & (root > 0), 2 * rotation / root, jnp.inf)
+
+    return jax.lax.fori_loop(0, 4, improve, jnp.zeros_like(rotation))

@@ -53,7 +53,7 @@ def choose_settings():
 def choose_tolerances():
     block = jr.Block(spread(0.1, 0.6, 1), spread(3.0, 8.0, 5))
     pulse = jr.Sine(spread(1.1, 6.0, 11) * 9.81 / block.slenderness, spread(0.2, 1.0, 5))
-    scene = jr.DrivenScene(block, spread(0.5, 0.9, 7), pulse)
+    scene = (block, spread(0.5, 0.9, 7), pulse)
     choice = jr.choose(scene, 1e-4)
     yield "within_tolerance", choice.within_tolerance
     yield "settings", [str(choice.settings[index]) for index in np.ravel(choice.index)]
