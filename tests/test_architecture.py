@@ -66,7 +66,7 @@ CODE_LINES = {
     "resonance": 1829,
     "ground_motion": 1470,
     "ground_motion/files": 928,
-    "driven": 3342,
+    "driven": 3287,
     "steady": 999,
     "overturning": 649,
     "sensitivity": 1175,

@@ -133,12 +133,12 @@ class StepFlight(eqx.Module):
         )
 
 
-def _least(*values: Reals) -> Reals:
-    return functools.reduce(jnp.minimum, values)
+def _least(*values: Reals | float) -> Reals:
+    return jnp.asarray(functools.reduce(jnp.minimum, values))
 
 
-def _greatest(*values: Reals) -> Reals:
-    return functools.reduce(jnp.maximum, values)
+def _greatest(*values: Reals | float) -> Reals:
+    return jnp.asarray(functools.reduce(jnp.maximum, values))
 
 
 def _bound_fourth_derivative(path: Coefficients, step: Reals) -> Reals:
