@@ -66,7 +66,7 @@ CODE_LINES = {
     "resonance": 1402,
     "ground_motion": 1123,
     "ground_motion/files": 928,
-    "driven": 3125,
+    "driven": 3070,
     "steady": 876,
     "overturning": 529,
     "sensitivity": 1175,

@@ -239,7 +239,7 @@ def test_what_is_certified_is_true_in_great_number(kind, seed):
 
 # Half-width, slenderness, restitution, frequency [Hz] and factor of a sine of 200 samples of
 # 0.05 s; the peak rotation [rad]. At tolerances from 1e-2 to 1e-5 steps end at samples alone, and
-# what they leave behind overturns both blocks, which stand.
+# what they leave behind makes the peaks wrong, and may overturn the blocks, which stand.
 SAMPLED = (
     (0.039, 2.21, 0.9, 2.4, 4.87, 0.0049216970),
     (0.024, 5.99, 0.95, 3.7, 4.69, 0.1556198412),
@@ -259,7 +259,8 @@ def test_what_steps_from_sample_to_sample_leave_behind(
 ):
     block = jr.Block(b, slenderness)
     record = sample_sine(frequency, factor)
-    assert jr.respond_batch(block, c, record, rtol=1e-5).overturned
+    loose = jr.respond_batch(block, c, record, rtol=1e-5)
+    assert abs(loose.peak_rotation / peak - 1) > 1e-4
     estimate = jr.respond_within(block, c, record, tolerance)
     response = estimate.response
     off = abs(float(response.peak_rotation) / peak - 1)

@@ -110,9 +110,10 @@ def work_off(
             (0, lanes),
         )[1]
 
-    def take_steps_and_refill(progress: _Progress) -> _Progress:
+    def go_on(progress: _Progress) -> _Progress:
+        progress = refill(progress)
         lanes = call_as_one_function(take_steps, progress.lanes, progress.case)
-        return refill(progress._replace(lanes=lanes))
+        return progress._replace(lanes=lanes)
 
     # Lanes begin as if they had finished some block, whose result nobody reads.
     any_case = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue)
@@ -123,8 +124,9 @@ def work_off(
         taken=jnp.zeros((), jnp.int32),
         results=jnp.zeros((size + 1, len(FinalStates._fields)), dtype),
     )
+    # The last turn only stores results: what refills before the loop as well is compiled twice.
     *_, results = jax.lax.while_loop(
-        lambda progress: (progress.block < size).any(), take_steps_and_refill, refill(begin)
+        lambda progress: (progress.taken < count) | (progress.block < size).any(), go_on, begin
     )
     return FinalStates(*results[:-1].T)
 

@@ -17,7 +17,8 @@ from .ground_input import (
 from .taylor import Coefficients, evaluate
 
 GRADES = 16  # of strength, each sqrt(2) below the one before
-STRIDE = 8  # intervals that are passed over together
+_STRIDE_BITS = 3
+STRIDE = 1 << _STRIDE_BITS  # intervals that are passed over together
 
 
 class RecordInput(GroundInput):
@@ -37,7 +38,7 @@ class RecordInput(GroundInput):
     intervals: HostIntegers  # of each motion
 
     # Samples keep steps short, so that high orders would be wasted.
-    orders: ClassVar[dict[int, int]] = {8: 10, 4: 8}
+    orders: ClassVar[dict[int, int]] = {8: 9, 4: 8}
     intervals_end_steps: ClassVar[bool] = True
     steps_between_refills: ClassVar[int] = 64
 
@@ -132,8 +133,8 @@ class RecordInput(GroundInput):
     def find_next_interval(self, interval: Integers, excitation: Excitation) -> Integers:
         """Find the first interval from `interval` on that may lift a block, or the end."""
         place = excitation.first_interval + interval
-        index = (place // STRIDE) * GRADES + excitation.grade
+        index = (place >> _STRIDE_BITS) * GRADES + excitation.grade
         following = jnp.asarray(self.following).at[index].get(mode="clip") * STRIDE
         # Only from the beginning of a stride on: within one, intervals are taken one by one.
-        place = jnp.where(place % STRIDE == 0, following, place)
+        place = jnp.where(place & (STRIDE - 1) == 0, following, place)
         return jnp.minimum(place - excitation.first_interval, excitation.intervals)

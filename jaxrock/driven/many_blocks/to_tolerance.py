@@ -54,8 +54,8 @@ _LEAST = 4
 # comparisons show; in float32, where eps is coarse, hardly more than that.
 _ROUNDING = {64: 256, 32: 8}
 # The error of the first companion exceeds that of the response by more than this factor. Since
-# (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 10 under
-# records, (r / h)^2 is at least 7; for the other orders it is at least 4.
+# (h / r)^n is about the tolerance of a step, at most 5e-5 for polynomials of order n = 9 under
+# records, (r / h)^2 is at least 9; for the other orders it is at least 4.
 _ERROR_RATIO = 4
 # Factor on the tolerance of a step of the second companion.
 _TIGHTER = 0.25
