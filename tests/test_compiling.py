@@ -109,8 +109,8 @@ CALLS = {
         jr.Block(0.2 + 0.1 * k, 5.0),
     ),
     "amplification": lambda k: jr.amplification(scene(k)),
-    "assess": lambda k: jr.assess(scene(k)),
-    "assess_block": lambda k: jr.reports.assess_block(block(k), 0.7 + 0.01 * k),
+    "assess": lambda k: jr.assess(block(k), 0.7, 0.15),
+    "assess, no intensity": lambda k: jr.assess(block(k), 0.7 + 0.01 * k),
     "choose": lambda k: jr.choose(scene(k), 0.01 + 0.01 * k),
     "critical_amplitude": lambda k: jr.critical_amplitude(
         jr.Block(0.1 + 0.02 * k, 5.0), 0.9, jr.Sine, 0.5
