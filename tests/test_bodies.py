@@ -465,7 +465,7 @@ def test_costs_of_float32():
 
 @pytest.mark.thorough
 def test_assessment_of_a_body():
-    found = jr.assess(jr.Scene(jr.Block(0.4, 5.0, inertia_ratio=1.2), 0.7, 0.15))
+    found = jr.assess(jr.Block(0.4, 5.0, inertia_ratio=1.2), 0.7, 0.15)
     assert found["scene"]["inertia_ratio"] == pytest.approx(1.2)
     first = str(found).splitlines()[0]
     assert "0.8 m wide, centre of mass 2 m high, inertia ratio 1.2" in first

@@ -563,7 +563,7 @@ def test_free_rocking_is_fitted(model):
 
 @pytest.mark.thorough
 def test_assessment_names_the_wall():
-    answers, free = (jr.assess(jr.Scene(block, 0.47, 0.3)) for block in (WALL, FREE))
+    answers, free = (jr.assess(block, 0.47, 0.3) for block in (WALL, FREE))
     scene = answers["scene"]
     assert scene["one_sided_restitution"] == float(jr.one_sided_restitution(WALL))
     assert "housner_restitution" not in scene

@@ -11,8 +11,7 @@ import numpy as np
 from .. import driven, overturning, resonance
 from ..ground_motion import PULSES, Record, describe_strength
 from ..host import Status
-from ..reports import assess as assess_scene
-from ..reports import assess_block
+from ..reports import assess as assess_block
 from .answers import Answer, list_rows
 from .motion_options import MotionOptions
 from .options import BlockOptions, FileOutput, Grid, ModelName, Output, read_numbers, refuse
@@ -54,10 +53,7 @@ def assess(
     block, c = block_options.block, block_options.coefficient
     if intensity is None:
         refuse("without --intensity", tolerance=tolerance)
-        answers = assess_block(block, c)
-    else:
-        scene = resonance.Scene(block, c, intensity)
-        answers = assess_scene(scene, tolerance)
+    answers = assess_block(block, c, intensity, tolerance=tolerance)
     answers["scene"]["restitution_assumed"] = block_options.restitution is None
     text = answers.details() if details else answers
     return Answer(text, answers, output)

@@ -1,6 +1,6 @@
 """Reports: the paper recomputed, and one block assessed."""
 
 from . import paper
-from .assessment import Assessment, assess, assess_block
+from .assessment import Assessment, assess
 
-__all__ = ["Assessment", "assess", "assess_block", "paper"]
+__all__ = ["Assessment", "assess", "paper"]

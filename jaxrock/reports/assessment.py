@@ -28,7 +28,7 @@ _COMPARED = ("critical_velocity", "single_pulse", "stabilized", "critical_intens
 
 
 class Assessment(Printed, dict[str, Any]):
-    """Answers of `assess` or `assess_block`: nested dictionaries of numbers.
+    """Answers of `assess`: nested dictionaries of numbers.
 
     ``scene`` has the quantities that do not depend on the model, ``models`` the answers of each
     model, NaN where a quantity does not exist, and ``linearization_error`` the answers of
@@ -100,68 +100,55 @@ class Assessment(Printed, dict[str, Any]):
         return f"{self}\n{scene}\n{format_table('', labels, **columns)}"
 
 
-def assess_block(block: Block, restitution: Number) -> Assessment:
-    """Compute geometry and critical intensities of a block, without a given intensity.
+def assess(
+    block: Block,
+    restitution: Number,
+    intensity: Number | None = None,
+    *,
+    tolerance: float | None = None,
+) -> Assessment:
+    """Compute geometry, critical intensities and, for an intensity, the response to pulses.
 
     Parameters
     ----------
     block : Block
         A single block.
     restitution : float
-        Coefficient of restitution [-].
+        Coefficient of restitution C [-].
+    intensity : float, optional
+        Change of ground velocity in each pulse, I [m/s]. If given, the answer also has the
+        first response, the stabilized phase and their sensitivities.
+    tolerance : float, optional
+        Allowed relative error; needs an intensity. If given, the answer also names the
+        cheapest equation and precision within this error; see `choose`.
 
     Returns
     -------
     Assessment
-        That of `assess`, except answers that depend on the intensity of the pulses.
 
     Raises
     ------
     ValueError
-        If the block or the restitution are arrays.
+        If an argument is an array, or out of range.
 
     Examples
     --------
     >>> import jaxrock as jr
-    >>> answers = jr.reports.assess_block(jr.Block(half_width=0.4, slenderness=5.0), 0.7)
+    >>> block = jr.Block(half_width=0.4, slenderness=5.0)
+    >>> answers = jr.assess(block, 0.7)
     >>> print(f"{answers['models']['nonlinear']['critical_intensity']['1']:.2f} m/s")
     1.04 m/s
-    """
-    check_kind("block", block, Block)
-    # An intensity that nothing here reads.
-    return _assess(Scene(block, restitution, 0.0), with_pulses=False)
-
-
-def assess(scene: Scene, tolerance: float | None = None) -> Assessment:
-    """Compute geometry, first response, stabilized phase, critical intensities, sensitivities.
-
-    Parameters
-    ----------
-    scene : Scene
-        A single scene: all its values are numbers.
-    tolerance : float, optional
-        Allowed relative error. If given, the answer also names the cheapest equation and
-        precision within this error; see `choose`.
-
-    Returns
-    -------
-    Assessment
-
-    Raises
-    ------
-    ValueError
-        If `scene` holds arrays.
-
-    Examples
-    --------
-    >>> import jaxrock as jr
-    >>> answers = jr.assess(jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15))
+    >>> answers = jr.assess(block, 0.7, intensity=0.15)
     >>> print(f"{answers['models']['nonlinear']['stabilized']['period']:.3f} s")
     1.111 s
     """
-    check_kind("scene", scene, Scene)
+    check_kind("block", block, Block)
+    if tolerance is not None and intensity is None:
+        raise ValueError("tolerance needs an intensity, whose answers have errors")
+    # Without an intensity, nothing here reads that of the scene.
+    scene = Scene(block, restitution, 0.0 if intensity is None else intensity)
     check_concrete(scene, "an assessment has plain numbers, which are printed")
-    result = _assess(scene, with_pulses=True)
+    result = _assess(scene, with_pulses=intensity is not None)
     if tolerance is not None:
         choice = choose(scene, tolerance)
         result["choice"] = {
@@ -179,7 +166,7 @@ def _assess(scene: Scene, with_pulses: bool) -> Assessment:
     """Describe a single scene, compute the answers of both models, and compare these."""
     shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scene)))
     if shape:
-        raise ValueError(f"scene must be single to be assessed, got an array of {shape}")
+        raise ValueError(f"block must be single to be assessed, got an array of {shape}")
     answers = jax.tree.map(float, jax.device_get(_compute(scene, with_pulses)))
     for model in answers["models"].values():
         # JAX has sorted the labels as text: "10" stood before "2".
