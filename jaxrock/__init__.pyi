@@ -13,16 +13,10 @@ from . import risk as risk
 from . import sensitivity as sensitivity
 from . import spectra as spectra
 from . import steady as steady
-from .accuracy import choose as choose
-from .accuracy import model_error as model_error
 from .block import Block as Block
-from .calibration import fit_driven_rocking as fit_driven_rocking
-from .calibration import fit_free_rocking as fit_free_rocking
-from .calibration import fit_outcomes as fit_outcomes
 from .driven import respond as respond
 from .driven import respond_batch as respond_batch
 from .driven import respond_within as respond_within
-from .grids import write_table as write_table
 from .ground_motion import Cosine as Cosine
 from .ground_motion import HalfSine as HalfSine
 from .ground_motion import Harmonic as Harmonic
@@ -40,7 +34,6 @@ from .impact import housner_restitution as housner_restitution
 from .impact import one_sided_restitution as one_sided_restitution
 from .overturning import critical_amplitude as critical_amplitude
 from .overturning import overturning_boundaries as overturning_boundaries
-from .reports import assess as assess
 from .resonance import Linearized as Linearized
 from .resonance import Nonlinear as Nonlinear
 from .resonance import Scene as Scene
@@ -51,7 +44,6 @@ from .resonance import critical_slenderness as critical_slenderness
 from .resonance import critical_width as critical_width
 from .resonance import half_cycle_velocity as half_cycle_velocity
 from .resonance import launch_velocity as launch_velocity
-from .resonance import next_velocity as next_velocity
 from .resonance import overturning_half_cycle as overturning_half_cycle
 from .resonance import overturning_margin as overturning_margin
 from .resonance import respond_to_train as respond_to_train
@@ -60,22 +52,12 @@ from .resonance import stabilized_period as stabilized_period
 from .resonance import stabilized_rotation as stabilized_rotation
 from .resonance import stabilized_velocity as stabilized_velocity
 from .resonance import worst_train as worst_train
-from .risk import Hazard as Hazard
-from .risk import Site as Site
-from .risk import fragility as fragility
-from .risk import overturning_rate as overturning_rate
-from .risk import read_hazard as read_hazard
-from .risk import required_value as required_value
 from .sensitivity import Uncertain as Uncertain
 from .sensitivity import sensitivities as sensitivities
 from .sensitivity import tornado as tornado
 from .sensitivity import value_and_slopes as value_and_slopes
-from .spectra import harmonic_spectrum as harmonic_spectrum
 from .spectra import overturning_map as overturning_map
 from .spectra import resonance_spectrum as resonance_spectrum
 from .spectra import rocking_spectrum as rocking_spectrum
-from .steady import critical_pulsed_amplitude as critical_pulsed_amplitude
-from .steady import harmonic_orbit as harmonic_orbit
-from .steady import pulsed_phase as pulsed_phase
 
 __version__: str

@@ -77,8 +77,8 @@ CODE_LINES = {
     "spectra": 600,
     "risk": 2142,
     "plot": 1073,
-    "reports": 326,
-    "cli": 1042,
+    "reports": 332,
+    "cli": 1038,
 }
 
 

@@ -13,7 +13,7 @@ BLOCK = jr.Block.from_size(width=0.8, height=4.0)
 @pytest.mark.thorough
 def test_every_answer_is_that_of_its_function():
     scene = jr.Scene(BLOCK, 0.7, 0.15)
-    found = jr.assess(BLOCK, 0.7, 0.15)
+    found = jr.reports.assess(BLOCK, 0.7, 0.15)
     assert found["scene"]["height"] == pytest.approx(4.0)
     for name, model in (("linearized", jr.Linearized()), ("nonlinear", jr.Nonlinear())):
         answers = found["models"][name]
@@ -52,7 +52,7 @@ def test_every_answer_is_that_of_its_function():
 @pytest.mark.float64
 def test_sensitivities_to_the_sides():
     """By differences of blocks made of sides."""
-    found = jr.assess(BLOCK, 0.7, 0.15)
+    found = jr.reports.assess(BLOCK, 0.7, 0.15)
 
     def ratio(width, height, model):
         block = jr.Block.from_size(width=width, height=height)
@@ -76,7 +76,7 @@ def test_sensitivities_to_the_sides():
 
 @pytest.mark.thorough
 def test_a_block_that_overturns():
-    found = jr.assess(BLOCK, 0.97, 0.15)
+    found = jr.reports.assess(BLOCK, 0.97, 0.15)
     for answers in found["models"].values():
         assert answers["overturning_half_cycle"] == 8
         assert all(math.isnan(v) for v in answers["stabilized"].values())
@@ -87,14 +87,14 @@ def test_a_block_that_overturns():
 
 @pytest.mark.thorough
 def test_restitution_of_one():
-    found = jr.assess(BLOCK, 1.0, 0.15)
+    found = jr.reports.assess(BLOCK, 1.0, 0.15)
     assert "it overturns in half-cycle 7" in str(found)
     assert re.search(r"overturning margin +-inf +-inf", found.details())
 
 
 @pytest.mark.thorough
 def test_what_a_tolerance_needs():
-    result = jr.assess(BLOCK, 0.7, 0.15, tolerance=1e-3)
+    result = jr.reports.assess(BLOCK, 0.7, 0.15, tolerance=1e-3)
     choice = result["choice"]
     assert (choice["level"], choice["bits"], choice["within_tolerance"]) == (
         "nonlinear",
@@ -103,4 +103,4 @@ def test_what_a_tolerance_needs():
     )
     assert choice["predicted_error"] < 1e-3
     assert "to 0.001: nonlinear in float32" in str(result)
-    assert "choice" not in jr.assess(BLOCK, 0.7, 0.15)
+    assert "choice" not in jr.reports.assess(BLOCK, 0.7, 0.15)

@@ -452,7 +452,7 @@ def test_costs_of_float32():
     for model in MODELS:
         intensity = rng.uniform(0.1, 0.9, size) * jr.critical_intensity(block, c, model=model)
         scene = jr.Scene(block, c, intensity)
-        bound = jr.model_error(scene).rounding[model.name][32]
+        bound = jr.accuracy.model_error(scene).rounding[model.name][32]
         single = jax.tree.map(lambda leaf: jnp.asarray(leaf, np.float32), scene)
         for name, function in (
             ("rotation_ratio", jr.rotation_ratio),
@@ -465,7 +465,7 @@ def test_costs_of_float32():
 
 @pytest.mark.thorough
 def test_assessment_of_a_body():
-    found = jr.assess(jr.Block(0.4, 5.0, inertia_ratio=1.2), 0.7, 0.15)
+    found = jr.reports.assess(jr.Block(0.4, 5.0, inertia_ratio=1.2), 0.7, 0.15)
     assert found["scene"]["inertia_ratio"] == pytest.approx(1.2)
     first = str(found).splitlines()[0]
     assert "0.8 m wide, centre of mass 2 m high, inertia ratio 1.2" in first

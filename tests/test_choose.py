@@ -28,7 +28,7 @@ def errors():
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-8])
 def test_promise(errors, tolerance):
     given, true = errors
-    choice = jr.choose(given, tolerance)
+    choice = jr.accuracy.choose(given, tolerance)
     index = np.asarray(choice.index)
     assert np.asarray(choice.within_tolerance).all()
     assert (true[index, np.arange(NUMBER)] <= tolerance).all()
@@ -47,7 +47,7 @@ def test_promise_of_closed_forms_under_pulses_that_last(shape):
         [np.max(jax.tree.leaves(jax.tree.map(apart, answers, truth)), 0) for answers in found]
     )
     for tolerance in (1e-1, 3e-2, 1e-3):
-        choice = jr.choose(given, tolerance, shape, duration)
+        choice = jr.accuracy.choose(given, tolerance, shape, duration)
         index = np.asarray(choice.index)
         stocky = np.asarray(given.block.slenderness) < 0.5
         closed = np.asarray(choice.within_tolerance) & (index < len(CLOSED))
@@ -60,7 +60,7 @@ def test_promise_of_closed_forms_under_pulses_that_last(shape):
 
 def test_nothing_keeps_it():
     wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
-    choice = jr.choose(wall, 1e-16)
+    choice = jr.accuracy.choose(wall, 1e-16)
     assert not choice.within_tolerance
     assert choice.setting == CLOSED[-1]
     assert str(choice).startswith("nonlinear in float64: off by at most ")
@@ -70,15 +70,15 @@ def test_nothing_keeps_it():
 def test_pulsed_keeps_what_is_predicted():
     given = jax.tree.map(lambda leaf: jnp.minimum(leaf, 30.0), scenes(2, 8))
     duration = 0.5 * given.intensity * given.block.slenderness / 9.81
-    choice = jr.choose(given, 1e-7, jr.HalfSine, duration)
+    choice = jr.accuracy.choose(given, 1e-7, jr.HalfSine, duration)
     compared = 0
     for k in range(8):
         if choice.settings[int(choice.index[k])].level != "pulsed":
             continue
         scene = each(given, k)
         pulse = jr.HalfSine(scene.intensity * np.pi / 2 / duration[k], duration[k])
-        usual = jr.pulsed_phase(scene.block, scene.restitution, pulse)
-        strict = jr.pulsed_phase(scene.block, scene.restitution, pulse, rtol=1e-12)
+        usual = jr.steady.pulsed_phase(scene.block, scene.restitution, pulse)
+        strict = jr.steady.pulsed_phase(scene.block, scene.restitution, pulse, rtol=1e-12)
         assert apart(usual.rotation_ratio, strict.rotation_ratio) <= choice.error[k]
         compared += 1
     assert compared > 3
@@ -127,7 +127,7 @@ def test_promise_of_the_tolerance(kind):
     levels = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)
     by_level = {rtol: find_error(jr.respond_batch(*given, rtol=rtol)) for rtol in levels}
     for tolerance in (1e-2, 1e-5, 1e-8):
-        choice = jr.choose(given, tolerance)
+        choice = jr.accuracy.choose(given, tolerance)
         within = np.asarray(choice.within_tolerance)
         assert np.mean(within) > 0.9
         picked = np.array([choice.settings[index].rtol for index in np.asarray(choice.index)])
@@ -140,7 +140,7 @@ def test_promise_of_the_tolerance(kind):
 @pytest.mark.thorough
 def test_a_single_driven_scene():
     given = jr.Block(0.2, 5.0), 0.9, jr.Sine(3.0, 0.5)
-    choice = jr.choose(given, 1e-3)
+    choice = jr.accuracy.choose(given, 1e-3)
     assert choice.setting.level == "batch"
     truth = jr.respond(*given, rtol=1e-12)
     found = jr.respond_batch(*given, rtol=choice.setting.rtol)

@@ -207,15 +207,15 @@ def test_fragility(capsys, tmp_path, monkeypatch):
     asked += ("--uncertain", "restitution=0.05", "--samples", 4)
     answer = read_answer(capsys, "fragility", *SLIM, *asked)
     suite = jr.read_suite("records")
-    site = jr.Site(suite, jr.read_hazard("hazard.csv"))
+    site = jr.risk.Site(suite, jr.risk.read_hazard("hazard.csv"))
     assert site.measure == "pga"
     uncertain = jr.Uncertain({"restitution": 0.05}, samples=4)
-    rate = jr.overturning_rate(BLOCK, 0.9, site, uncertain)
+    rate = jr.risk.overturning_rate(BLOCK, 0.9, site, uncertain)
     assert answer["rate"] == pytest.approx(float(rate.rate), rel=1e-12)
-    required = jr.required_value(BLOCK, 0.9, site, 1 / 475)
+    required = jr.risk.required_value(BLOCK, 0.9, site, 1 / 475)
     assert answer["required_width"] == pytest.approx(float(required.value), rel=1e-12)
     assert answer["elasticities"].keys() >= {"half_width", "slenderness"}
-    curves = jr.fragility(BLOCK, 0.9, suite, [1.0, 3.0, 6.0], "pga", uncertain=uncertain)
+    curves = jr.risk.fragility(BLOCK, 0.9, suite, [1.0, 3.0, 6.0], "pga", uncertain=uncertain)
     assert answer["dispersion"] == curves.lognormal_dispersion.values.tolist()
     with xarray.open_dataset("fragility/fragility.nc") as dataset:
         np.testing.assert_array_equal(dataset.exceedance, curves.exceedance)
@@ -230,9 +230,9 @@ def test_inventory(capsys, tmp_path, monkeypatch):
     asked = ("--hazard", "hazard.csv", "--target-return-period", 475, "--no-required-width")
     answer = read_answer(capsys, "inventory", "objects.csv", *asked)
     (found,) = answer["objects"]
-    site = jr.Site(jr.example_suite(), jr.read_hazard("hazard.csv"), spacing=0.04)
+    site = jr.risk.Site(jr.example_suite(), jr.risk.read_hazard("hazard.csv"), spacing=0.04)
     block = jr.Block.from_size(width=0.4, height=1.6)
-    rate = jr.overturning_rate(block, jr.housner_restitution(block), site)
+    rate = jr.risk.overturning_rate(block, jr.housner_restitution(block), site)
     assert found["rate"] == pytest.approx(float(rate.rate), rel=1e-3)
     names = {f"inventory.{ending}" for ending in ("nc", "csv", "png", "html")}
     assert {path.name for path in Path("inventory").iterdir()} == names

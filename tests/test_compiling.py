@@ -38,7 +38,9 @@ def compiled():
 
 
 def site(k, levels):
-    return jr.Site(suite(k), jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]), levels=levels)
+    return jr.risk.Site(
+        suite(k), jr.risk.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4]), levels=levels
+    )
 
 
 def block(k):
@@ -99,16 +101,16 @@ CALLS = {
         record(seed=k).knots(),
     ),
     "Suite": lambda k: suite(k).scaled(1.0 + k).measure("pga_ratio", block(k)),
-    "Hazard": lambda k: jr.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4])(0.2 + 0.1 * k),
+    "Hazard": lambda k: jr.risk.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4])(0.2 + 0.1 * k),
     "amplification": lambda k: jr.amplification(scene(k)),
-    "assess": lambda k: jr.assess(block(k), 0.7, 0.15),
-    "assess, no intensity": lambda k: jr.assess(block(k), 0.7 + 0.01 * k),
-    "choose": lambda k: jr.choose(scene(k), 0.01 + 0.01 * k),
+    "assess": lambda k: jr.reports.assess(block(k), 0.7, 0.15),
+    "assess, no intensity": lambda k: jr.reports.assess(block(k), 0.7 + 0.01 * k),
+    "choose": lambda k: jr.accuracy.choose(scene(k), 0.01 + 0.01 * k),
     "critical_amplitude": lambda k: jr.critical_amplitude(
         jr.Block(0.1 + 0.02 * k, 5.0), 0.9, jr.Sine, 0.5
     ),
     "critical_intensity": lambda k: jr.critical_intensity(block(k), 0.7 + 0.01 * k),
-    "critical_pulsed_amplitude": lambda k: jr.critical_pulsed_amplitude(
+    "critical_pulsed_amplitude": lambda k: jr.steady.critical_pulsed_amplitude(
         block(k), 0.7, jr.HalfSine, 0.1 + 0.01 * k
     ),
     "critical_restitution": lambda k: jr.critical_restitution(block(k), 0.15),
@@ -123,7 +125,7 @@ CALLS = {
     ),
     "equivalent_damping": lambda k: jr.resonance.equivalent_damping(0.5 + 0.1 * k),
     "example_record": lambda k: jr.example_record(("north", "east")[k]),
-    "required_value": lambda k: jr.required_value(
+    "required_value": lambda k: jr.risk.required_value(
         block(k),
         0.8,
         site(k, [0.2, 0.5, 0.9]),
@@ -140,18 +142,18 @@ CALLS = {
     "driven_tornado": lambda k: jr.sensitivity.driven_tornado(
         block(k), 0.8, record(500 + k), {"restitution": (0.7, 0.8 + 0.01 * k)}
     ),
-    "fragility": lambda k: jr.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
-    "fit_driven_rocking": lambda k: jr.fit_driven_rocking(*shaking_test(k)),
-    "fit_free_rocking": lambda k: jr.fit_free_rocking(
+    "fragility": lambda k: jr.risk.fragility(block(k), 0.8, suite(k), [0.1, 0.2 + 0.1 * k]),
+    "fit_driven_rocking": lambda k: jr.calibration.fit_driven_rocking(*shaking_test(k)),
+    "fit_free_rocking": lambda k: jr.calibration.fit_free_rocking(
         impact_times(k), jr.Block(0.1 + 0.01 * k, 5)
     ),
-    "fit_outcomes": lambda k: jr.fit_outcomes(
+    "fit_outcomes": lambda k: jr.calibration.fit_outcomes(
         suite(k), [k == 0, True, False], samples=64
     ).probability(suite(k)),
     "free_motion_margin": lambda k: jr.driven.free_motion_margin(block(k), 0.8, 0.01 * k, 0.1),
     "half_cycle_velocity": lambda k: jr.half_cycle_velocity(scene(k), 2.0 + k),
-    "harmonic_orbit": lambda k: jr.harmonic_orbit(block(k), 0.9, 3.0 + k, 10.0 + k),
-    "harmonic_spectrum": lambda k: jr.harmonic_spectrum(
+    "harmonic_orbit": lambda k: jr.steady.harmonic_orbit(block(k), 0.9, 3.0 + k, 10.0 + k),
+    "harmonic_spectrum": lambda k: jr.spectra.harmonic_spectrum(
         [2.0, 6.0 + k], [1.0, 6.0 + k], cycles=5
     ),
     "housner_restitution": lambda k: jr.housner_restitution(block(k)),
@@ -161,19 +163,21 @@ CALLS = {
     "least_harmonic_amplitude": lambda k: jr.steady.least_harmonic_amplitude(
         block(k), 0.9, 10.0 + k
     ),
-    "model_error": lambda k: jr.model_error(scene(k)),
-    "next_velocity": lambda k: jr.next_velocity(scene(k), 0.1 + 0.1 * k),
+    "model_error": lambda k: jr.accuracy.model_error(scene(k)),
+    "next_velocity": lambda k: jr.resonance.next_velocity(scene(k), 0.1 + 0.1 * k),
     "overturning_boundaries": lambda k: jr.overturning_boundaries(
         jr.Block(0.05 + 0.003 * k, 5.0), 0.9, record(seed=k), "factor", np.linspace(0.2, 4, 9)
     ),
     "overturning_half_cycle": lambda k: jr.overturning_half_cycle(wall(k)),
     "overturning_map": lambda k: jr.overturning_map(jr.HalfSine, np.linspace(2.0 + k, 4, 3)),
     "overturning_margin": lambda k: jr.overturning_margin(scene(k)),
-    "overturning_rate": lambda k: jr.overturning_rate(block(k), 0.8, site(k, [0.2, 0.9])),
+    "overturning_rate": lambda k: jr.risk.overturning_rate(block(k), 0.8, site(k, [0.2, 0.9])),
     "propagate": lambda k: jr.sensitivity.propagate(
         jr.rotation_ratio, scene(k), jr.Uncertain(_COEFFICIENTS)
     ),
-    "pulsed_phase": lambda k: jr.pulsed_phase(block(k), 0.7, jr.HalfSine(3.0, 0.1 + 0.01 * k)),
+    "pulsed_phase": lambda k: jr.steady.pulsed_phase(
+        block(k), 0.7, jr.HalfSine(3.0, 0.1 + 0.01 * k)
+    ),
     "rate_elasticities": lambda k: jr.risk.rate_elasticities(
         block(k), 0.8, site(k, [0.2, 0.9])
     ),
@@ -339,7 +343,7 @@ def test_twenty_lengths_of_record_take_two_programs(call, compiled):
     [
         lambda motion: jr.respond_within(STOUT, 0.3, motion, 1e-6, 2.0),
         pytest.param(
-            lambda motion: jr.fragility(
+            lambda motion: jr.risk.fragility(
                 STOUT, 0.3, jr.Suite([motion, motion]), [0.1, 0.2], measure="pga"
             ),
             marks=SLOW,
@@ -384,17 +388,17 @@ def programs_of_the_batch(compiled):
 @pytest.mark.filterwarnings("ignore:PGV of 2 of . records is due to a drift")
 def test_questions_about_suites_share_programs(compiled):
     """Whatever the suite, the tolerances, and the numbers of blocks and levels."""
-    hazard = jr.Hazard([0.1, 1.0], [1e-2, 1e-4])
+    hazard = jr.risk.Hazard([0.1, 1.0], [1e-2, 1e-4])
     questions = [
         lambda some: jr.respond_batch(STOUT, 0.3, some, 2.0),
         lambda some: jr.respond_batch(block(0), 0.3, some, 2.0, rtol=1e-5),
         lambda some: jr.respond_within(
             jr.Block(np.array([0.5, 1.5]), 1.0), 0.3, some, 1e-6, 2.0
         ),
-        lambda some: jr.fragility(block(0), 0.8, some, [0.1, 0.3]),
+        lambda some: jr.risk.fragility(block(0), 0.8, some, [0.1, 0.3]),
         lambda some: jr.overturning_boundaries(block(0), 0.8, some, "half_width", [0.1, 0.2]),
-        lambda some: jr.overturning_rate(
-            block(0), 0.8, jr.Site(some, hazard, levels=[0.2, 0.9])
+        lambda some: jr.risk.overturning_rate(
+            block(0), 0.8, jr.risk.Site(some, hazard, levels=[0.2, 0.9])
         ),
         lambda some: jr.rocking_spectrum(some, [1.0, 6.0], 5.0, restitution=0.3),
     ]
@@ -427,7 +431,7 @@ def test_derivatives_of_a_rate_take_one_program_whatever_moves(compiled):
 
     def rate(half_width, slenderness, restitution):
         short = jr.Block(half_width, slenderness)
-        return jr.overturning_rate(short, restitution, place).rate
+        return jr.risk.overturning_rate(short, restitution, place).rate
 
     jax.clear_caches()
     for numbers in (0, 1, (0, 2), (0, 1, 2)):
@@ -471,14 +475,16 @@ def test_pulses_of_all_shapes_take_two_programs(compiled):
 def test_free_fits_of_all_kinds_take_one_program(compiled):
     """Of any number of times and peaks, with repairs and without."""
     slim = jr.Block(0.1, 5)
-    jr.fit_free_rocking(impact_times(0), slim, frequency_known=False)
+    jr.calibration.fit_free_rocking(impact_times(0), slim, frequency_known=False)
     compiled.clear()
     for count in (6, 9, 30):
         times = scenes.impact_times(slim, 0.9, 0.9, count)
-        jr.fit_free_rocking(times, slim)
-        jr.fit_free_rocking(times, slim, frequency_known=False, repair=False)
-        jr.fit_free_rocking(times, slim, peak_rotations=0.1 * 0.8 ** np.arange(count - 1))
-    jr.fit_free_rocking(np.delete(impact_times(0), 5), slim, time_noise=1e-3)
+        jr.calibration.fit_free_rocking(times, slim)
+        jr.calibration.fit_free_rocking(times, slim, frequency_known=False, repair=False)
+        jr.calibration.fit_free_rocking(
+            times, slim, peak_rotations=0.1 * 0.8 ** np.arange(count - 1)
+        )
+    jr.calibration.fit_free_rocking(np.delete(impact_times(0), 5), slim, time_noise=1e-3)
     assert compiled == []
 
 
@@ -487,10 +493,12 @@ def test_driven_fits_of_all_parameters_take_one_program(compiled):
     """And of any number of samples."""
     time, rotation, slim, pulse = shaking_test(0)
     rotation = np.asarray(rotation)
-    jr.fit_driven_rocking(time, rotation, slim, pulse)
+    jr.calibration.fit_driven_rocking(time, rotation, slim, pulse)
     compiled.clear()
     for names in (("slenderness",), ("restitution", "half_width"), ("inertia_ratio",)):
-        jr.fit_driven_rocking(time[:-9], rotation[:-9], slim, pulse, 0.85, parameters=names)
+        jr.calibration.fit_driven_rocking(
+            time[:-9], rotation[:-9], slim, pulse, 0.85, parameters=names
+        )
     assert compiled == []
 
 
@@ -553,10 +561,12 @@ def respond(restitution):
             lambda c: jr.respond(block(0), c, jr.example_record(), 5.0), 3500, marks=SLOW
         ),
         pytest.param(
-            lambda c: jr.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)), 3700, marks=SLOW
+            lambda c: jr.steady.pulsed_phase(block(0), c, pulse(0, jr.HalfSine)),
+            3700,
+            marks=SLOW,
         ),
         pytest.param(
-            lambda c: jr.critical_pulsed_amplitude(block(0), c, jr.HalfSine, 0.1),
+            lambda c: jr.steady.critical_pulsed_amplitude(block(0), c, jr.HalfSine, 0.1),
             6800,
             marks=SLOW,
         ),

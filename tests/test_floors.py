@@ -15,7 +15,7 @@ NOISE = np.random.default_rng(3).standard_normal(70)  # does not begin or end at
 STEP = 0.02
 EXTRA = 30  # samples of free vibration
 BLOCK = jr.Block.from_size(width=0.3, height=1.2)
-HAZARD = jr.Hazard([0.2, 1.0, 4.0], [1e-2, 1e-3, 1e-5])
+HAZARD = jr.risk.Hazard([0.2, 1.0, 4.0], [1e-2, 1e-3, 1e-5])
 
 
 def solve_exactly(samples, step, period, damping, extra):
@@ -195,11 +195,11 @@ def test_a_suite_on_a_floor_keeps_its_ground(eps):
         "on a floor of period 0.4 s, damping 0.05, participation 1.2; intensities are those"
     )
     assert words in str(floor)
-    assert words in str(jr.Site(floor, HAZARD))
+    assert words in str(jr.risk.Site(floor, HAZARD))
     # Scaled to a level, ground and floor are those of the scaled ground.
-    site = jr.Site(floor, HAZARD, spacing=0.1)
+    site = jr.risk.Site(floor, HAZARD, spacing=0.1)
     np.testing.assert_array_equal(site.intensities, plain.measure("pgv"))
-    rate = jr.overturning_rate(BLOCK, 0.8, site)
+    rate = jr.risk.overturning_rate(BLOCK, 0.8, site)
     level = float(rate.boundaries.value[0, 0])
     scaled = plain[:1].scaled(plain[:1].factors(level, "pgv")).on_floor(0.4, 0.05, 1.2)
     sides = [
@@ -234,21 +234,25 @@ def test_both_directions_count_as_one_record():
     """A block that rocks to both sides does the same in both: nothing may change."""
     plain = suite()
     both = plain.both_directions()
-    sites = [jr.Site(motions, HAZARD, spacing=0.1) for motions in (plain, both)]
+    sites = [jr.risk.Site(motions, HAZARD, spacing=0.1) for motions in (plain, both)]
     uncertain = jr.Uncertain({"restitution": 0.05}, samples=2)
     for options in ({}, {"uncertain": uncertain}):
         one_way, two_ways = (
-            jr.overturning_rate(BLOCK, 0.8, site, **options) for site in sites
+            jr.risk.overturning_rate(BLOCK, 0.8, site, **options) for site in sites
         )
         for name in ("rate", "standard_error", "not_detected"):
             np.testing.assert_allclose(
                 getattr(two_ways, name), getattr(one_way, name), rtol=1e-3, err_msg=name
             )
         assert "from 3 records in both directions" in str(two_ways)
-    traced = jax.jit(lambda c: jr.overturning_rate(BLOCK, c, sites[1]).standard_error)(0.8)
-    one_way = jr.overturning_rate(BLOCK, 0.8, sites[0])
+    traced = jax.jit(lambda c: jr.risk.overturning_rate(BLOCK, c, sites[1]).standard_error)(
+        0.8
+    )
+    one_way = jr.risk.overturning_rate(BLOCK, 0.8, sites[0])
     np.testing.assert_allclose(traced, one_way.standard_error, rtol=1e-6)
-    curves = [jr.fragility(BLOCK, 0.8, motions, [0.4, 1.0, 2.0]) for motions in (plain, both)]
+    curves = [
+        jr.risk.fragility(BLOCK, 0.8, motions, [0.4, 1.0, 2.0]) for motions in (plain, both)
+    ]
     assert curves[1].attrs["records"] == 3
     assert curves[1].attrs["directions"] == 2
     for name in ("exceedance_low", "exceedance_high", "lognormal_dispersion"):
@@ -274,10 +278,10 @@ def test_both_directions_count_as_one_record():
 @pytest.mark.float64
 def test_the_floor_of_a_sample_is_its_own():
     plain = suite()
-    site = jr.Site(plain.on_floor([0.4, 0.1], 0.05, [1.2, -0.2]), HAZARD, spacing=0.1)
+    site = jr.risk.Site(plain.on_floor([0.4, 0.1], 0.05, [1.2, -0.2]), HAZARD, spacing=0.1)
     coefficients = {"floor_period": 0.3, "width": 0.02, "floor_damping": 0.3}
     uncertain = jr.Uncertain(coefficients, samples=4)
-    rate = jr.overturning_rate(BLOCK, 0.8, site, uncertain)
+    rate = jr.risk.overturning_rate(BLOCK, 0.8, site, uncertain)
     draws = uncertain.draw(BLOCK, 0.8, on_floor=True)
     assert np.std(np.log(draws.floor.period)) > 0.1
     expected = []
@@ -286,13 +290,13 @@ def test_the_floor_of_a_sample_is_its_own():
         periods = np.array([0.4, 0.1]) * draws.floor.period[k]
         floor = plain.on_floor(periods, 0.05 * draws.floor.damping[k], [1.2, -0.2])
         block = jax.tree.map(lambda leaf, k=k: leaf[k], draws.block)
-        of_sample = jr.Site(floor, HAZARD, spacing=0.1)
-        expected.append(float(jr.overturning_rate(block, 0.8, of_sample).rate))
-        curves = jr.fragility(block, 0.8, floor, [0.5, 1.0])
+        of_sample = jr.risk.Site(floor, HAZARD, spacing=0.1)
+        expected.append(float(jr.risk.overturning_rate(block, 0.8, of_sample).rate))
+        curves = jr.risk.fragility(block, 0.8, floor, [0.5, 1.0])
         outcomes.append(curves.exceedance.sel(threshold="overturning"))
     np.testing.assert_allclose(rate.sample_rates, expected, rtol=1e-3)
     assert np.std(expected) > 0.02 * np.mean(expected)
-    curves = jr.fragility(BLOCK, 0.8, site.suite, [0.5, 1.0], uncertain=uncertain)
+    curves = jr.risk.fragility(BLOCK, 0.8, site.suite, [0.5, 1.0], uncertain=uncertain)
     np.testing.assert_allclose(
         curves.exceedance.sel(threshold="overturning"), np.mean(outcomes, axis=0)
     )
@@ -302,7 +306,7 @@ def test_answers_say_on_which_motions_they_rest():
     both = suite().on_floor(0.4, time_step=0.01).both_directions()
     wall = jr.Block(0.15, 4.0, one_sided=True)
     spectrum = jr.rocking_spectrum(both, [2.0], slenderness=[5.0], one_sided=True)
-    curves = jr.fragility(wall, -0.45, both, [0.4, 1.0, 2.0])
+    curves = jr.risk.fragility(wall, -0.45, both, [0.4, 1.0, 2.0])
     for dataset in (spectrum, curves):
         assert dataset.attrs["directions"] == 2
         assert dataset.attrs["one_sided"] == 1
@@ -312,5 +316,7 @@ def test_answers_say_on_which_motions_they_rest():
     assert title.endswith("floor of period 0.4 s, damping 0.05")
     backwards = suite().both_directions()[3:]
     assert "3 records in reverse direction" in str(backwards)
-    title = jr.plot.plot_fragility(jr.fragility(wall, 0.45, backwards, [0.4, 1.0])).get_title()
+    title = jr.plot.plot_fragility(
+        jr.risk.fragility(wall, 0.45, backwards, [0.4, 1.0])
+    ).get_title()
     assert title.endswith("3 records in reverse direction")

@@ -351,7 +351,7 @@ def test_what_else_takes_a_motion():
     tight = jr.respond_batch(BLOCK, 0.6, Harmonic(2.5, frequency, 40), rtol=1e-13)
     error = np.abs(found.response.peak_rotation / tight.peak_rotation - 1)
     assert (error <= found.error).all()
-    assert jr.choose((BLOCK, 0.6, motion), 1e-6).within_tolerance
+    assert jr.accuracy.choose((BLOCK, 0.6, motion), 1e-6).within_tolerance
     spectrum = jr.rocking_spectrum(motion, [1.0, 4.0], slenderness=5.0)
     assert spectrum.attrs["motion"] == "harmonic motion"
     assert np.isfinite(spectrum.peak_rotation).all()

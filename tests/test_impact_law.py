@@ -90,7 +90,7 @@ def test_all_motions_give_the_law_a_velocity_in_rad_per_second():
     launch = float(jr.launch_velocity(scene))
     critical = float(jr.Linearized().critical_velocity(BLOCK))
     assert float(train.velocity_ratio[0]) == pytest.approx(launch / critical, rel=1e-12)
-    after = float(jr.next_velocity(scene, launch)) - launch
+    after = float(jr.resonance.next_velocity(scene, launch)) - launch
     assert after == pytest.approx((C - LOSS * launch) * launch, rel=1e-12)
     wait = jr.Linearized().half_cycle_duration(BLOCK, launch)
     train = jr.respond_to_train(BLOCK, C, [0.0, 1.0001 * wait], [0.2, 0.0])
@@ -106,7 +106,7 @@ def test_sums_refuse_the_law():
         lambda: jr.rotation_ratio(scene),
         lambda: jr.overturning_half_cycle(scene),
         lambda: jr.critical_intensity(BLOCK, C),
-        lambda: jr.harmonic_orbit(BLOCK, C, 1.5, 12.0),
+        lambda: jr.steady.harmonic_orbit(BLOCK, C, 1.5, 12.0),
         lambda: jr.steady.least_harmonic_amplitude(BLOCK, C, 12.0),
         lambda: jr.worst_train(BLOCK, C, 3),
     ):

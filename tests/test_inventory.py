@@ -119,7 +119,7 @@ HALF_WIDTHS = np.array([0.25, 0.24, 0.4, 0.17])
 SLENDERNESSES = np.array([3.6, 5.0, 4.0, 4.5])
 BLOCK = jr.Block(HALF_WIDTHS, SLENDERNESSES)
 ENDS = np.array([0.7, 8.0])
-HAZARD = jr.Hazard(ENDS, OFTEN * ENDS**-POWER)
+HAZARD = jr.risk.Hazard(ENDS, OFTEN * ENDS**-POWER)
 TARGET = 1.2e-5
 
 
@@ -131,7 +131,7 @@ def rate_of_sides(width, height):
 def assessed():
     """The objects under half-sine pulses, linearized, at levels 1 % apart."""
     inventory = Inventory(NAMES, BLOCK, 0.85)
-    site = jr.Site(pulses(100), HAZARD)
+    site = jr.risk.Site(pulses(100), HAZARD)
     with pytest.MonkeyPatch.context() as patch:
         periods = tuple(np.array([1.5, 2.5]) ** POWER / OFTEN)
         patch.setattr("jaxrock.risk.inventory_assessment._RETURN_PERIODS", periods)
@@ -213,7 +213,8 @@ def test_a_hazard_with_zeros():
     levels = [0.7, 1.0, 1.5, 3.0, 6.0, 9.0]
     rates = [1e-2, 2e-3, 2e-3, 4e-5, 0.0, 0.0]
     sites = [
-        jr.Site(pulses(100), jr.Hazard(levels[:n], rates[:n]), spacing=0.05) for n in (5, 6)
+        jr.risk.Site(pulses(100), jr.risk.Hazard(levels[:n], rates[:n]), spacing=0.05)
+        for n in (5, 6)
     ]
     shorter, longer = (
         assess_inventory(inventory, site, 1e-3, model="linearized") for site in sites
@@ -235,7 +236,9 @@ def noise_site():
     in different ways may locate different ones.
     """
     levels = np.geomspace(0.2, 2.0, 48)[18:]
-    return jr.Site(scenes.suite(), jr.Hazard([0.2, 2.0], [1e-2, 1e-4]), levels=levels)
+    return jr.risk.Site(
+        scenes.suite(), jr.risk.Hazard([0.2, 2.0], [1e-2, 1e-4]), levels=levels
+    )
 
 
 def assert_close(one, other):
@@ -290,10 +293,10 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
             jr.Uncertain({"restitution": coefficients["restitution"][k]}, samples=2),
             one_sided=bool(one_sided[k[0]]),
         )
-        site = jr.Site(motions, noise_site.hazard, levels=noise_site.levels)
+        site = jr.risk.Site(motions, noise_site.hazard, levels=noise_site.levels)
         expected = assess_inventory(alone, site, NOISE_TARGET)
         block = jr.Block.from_size(**sizes, one_sided=bool(one_sided[k[0]]))
-        rate = jr.overturning_rate(block, alone.restitution, site, alone.uncertain)
+        rate = jr.risk.overturning_rate(block, alone.restitution, site, alone.uncertain)
         for name in ("rate", "standard_error", "not_detected"):
             own = mixed[name].sel(object=list(alone.names))
             np.testing.assert_allclose(own, getattr(rate, name), rtol=5e-3)
@@ -379,7 +382,7 @@ def test_records_and_hazard_stand_on_the_page(assessed):
 
 def test_a_hazard_that_ends_before_the_target_says_so(assessed):
     """Where its last rate exceeds the target, no object is called safe and no width enough."""
-    site = jr.Site(pulses(50), HAZARD, levels=np.geomspace(0.7, 1.6, 30))
+    site = jr.risk.Site(pulses(50), HAZARD, levels=np.geomspace(0.7, 1.6, 30))
     inventory = Inventory(NAMES, BLOCK, 0.85)
     dataset = assess_inventory(inventory, site, TARGET, model="linearized")
     last_rate = OFTEN * 1.6**-POWER
@@ -411,8 +414,8 @@ def with_assumed():
         [0.85, housner[1], 0.85, housner[3]],
         restitution_assumed=[False, True, False, True],
     )
-    hazard = jr.Hazard([0.1, 2.0], [1e-1, 1e-4])
-    site = jr.Site(scenes.suite(), hazard, levels=np.geomspace(0.1, 2.0, 40))
+    hazard = jr.risk.Hazard([0.1, 2.0], [1e-1, 1e-4])
+    site = jr.risk.Site(scenes.suite(), hazard, levels=np.geomspace(0.1, 2.0, 40))
     return site, assess_inventory(inventory, site, NOISE_TARGET)
 
 
@@ -431,7 +434,7 @@ def test_rates_at_both_ends_of_an_assumed_restitution(with_assumed):
         high = compute_restitution_by_size(block)
         assert float(answer.low_restitution) == float(low)
         for coefficient, rate in ((low, "rate_at_low_restitution"), (high, "rate")):
-            expected = float(jr.overturning_rate(block, coefficient, site).rate)
+            expected = float(jr.risk.overturning_rate(block, coefficient, site).rate)
             assert float(answer[rate]) == pytest.approx(expected, rel=1e-3)
     page = write_inventory_page(dataset, [])
     assert page.count("(Housner's, assumed)</td>") == 2
@@ -460,7 +463,7 @@ def test_years_in_words(with_assumed):
 def test_the_edge_of_the_search_is_a_bound(assessed):
     """A target that every width meets: what was examined is no need."""
     inventory = Inventory(NAMES, BLOCK, 0.85)
-    site = jr.Site(pulses(50), HAZARD, spacing=0.1)
+    site = jr.risk.Site(pulses(50), HAZARD, spacing=0.1)
     dataset = assess_inventory(inventory, site, 0.1, model="linearized")
     answer = dataset.isel(object=0)
     assert bool(dataset.required_width_is_bound.all())
@@ -486,7 +489,7 @@ def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, asse
     inventory, site, target = calls[0]
     assert target == 1 / 2475
     assert read_inventory(tmp_path / "here" / "objects.csv").names == inventory.names
-    written = jr.read_hazard(tmp_path / "here" / "hazard.csv")
+    written = jr.risk.read_hazard(tmp_path / "here" / "hazard.csv")
     np.testing.assert_array_equal(written.rates, site.hazard.rates)
     assert str(site.hazard).startswith("EXAMPLE hazard, of no real place: hazard of pgv")
     page = (tmp_path / "here" / "inventory.html").read_text(encoding="utf-8")
@@ -529,7 +532,7 @@ def test_command(tmp_path, capsys, site):
     assert {path.name for path in out.iterdir()} == names
     expected = assess_inventory(
         read_inventory(site[0]),
-        jr.Site(jr.read_suite(site[2]), jr.read_hazard(site[4]), spacing=0.04),
+        jr.risk.Site(jr.read_suite(site[2]), jr.risk.read_hazard(site[4]), spacing=0.04),
         1e-3,
     )
     with xarray.open_dataset(out / "inventory.nc") as dataset:

@@ -21,8 +21,10 @@ def test_fragility_of_many_is_that_of_each():
     uncertain = jr.Uncertain({"half_width": 0.1, "restitution": 0.05}, samples=4)
     arguments = (pulses(50), np.geomspace(0.9, 3.0, 5))
     options = {**LINEARIZED, "uncertain": uncertain}
-    many = jr.fragility(BLOCKS, RESTITUTIONS, *arguments, **options)
-    one = jr.fragility(jr.Block(HALF_WIDTHS[2], 4.0), RESTITUTIONS[2], *arguments, **options)
+    many = jr.risk.fragility(BLOCKS, RESTITUTIONS, *arguments, **options)
+    one = jr.risk.fragility(
+        jr.Block(HALF_WIDTHS[2], 4.0), RESTITUTIONS[2], *arguments, **options
+    )
     alone = many.isel(object=2, drop=True)
     xarray.testing.assert_allclose(alone, one, rtol=1e-12, atol=1e-14)
 
@@ -31,10 +33,10 @@ def test_fragility_of_many_is_that_of_each():
 @pytest.mark.float64
 def test_rates_of_many_are_those_of_each():
     """And so are derivatives."""
-    site = jr.Site(pulses(50), hazard, levels=np.geomspace(0.9, 6.0, 12))
+    site = jr.risk.Site(pulses(50), hazard, levels=np.geomspace(0.9, 6.0, 12))
 
     def rate(block, restitution):
-        return jr.overturning_rate(block, restitution, site, **LINEARIZED).rate
+        return jr.risk.overturning_rate(block, restitution, site, **LINEARIZED).rate
 
     many = rate(BLOCKS, RESTITUTIONS)
     derivatives = jax.grad(lambda block: rate(block, RESTITUTIONS).sum())(BLOCKS).half_width
@@ -62,7 +64,7 @@ def test_an_uncertain_size_in_closed_form():
     levels = np.array([1.2, 1.6, 2.0, 2.6])
     uncertain = jr.Uncertain({"half_width": 0.2}, samples=512)
     options = {**LINEARIZED, "thresholds": ["overturning"], "uncertain": uncertain}
-    curves = jr.fragility(jr.Block(0.25, 4.0), 0.85, pulses(400), levels, **options)
+    curves = jr.risk.fragility(jr.Block(0.25, 4.0), 0.85, pulses(400), levels, **options)
     critical = np.array([find_half_widths(levels, duration) for duration in DURATIONS])
     exact = stats.norm.cdf(np.log(critical / 0.25) / np.sqrt(np.log1p(0.2**2)))
     np.testing.assert_allclose(curves.overturned.mean("sample"), exact, atol=0.01)

@@ -39,7 +39,7 @@ def given_in(precision):
             truth[name.removeprefix("stabilized_")].append(exact)
         exact = closed_forms.critical_intensity(closed_forms.Nonlinear, *arguments[:4], mp.inf)
         truth["critical_intensity"].append(exact)
-    return given, jr.model_error(given), truth
+    return given, jr.accuracy.model_error(given), truth
 
 
 @pytest.mark.parametrize("precision", first_by_default(["float64", "float32"]))
@@ -71,7 +71,7 @@ def test_cost_of_the_duration_within_its_bound(shape):
     """All three answers of stocky and slender blocks, standing and overturning."""
     stockiest = 0.5
     scene, duration, truth, lifted = lasting_scenes(11, NUMBER, shape)
-    error = jr.model_error(scene, shape, duration)
+    error = jr.accuracy.model_error(scene, shape, duration)
     closed = computed(scene, CLOSED[-1])
     stocky = np.asarray(scene.block.slenderness) < stockiest
     weak = duration * 9.81 / np.asarray(scene.block.slenderness * scene.intensity) > 0.8
@@ -124,7 +124,7 @@ def test_what_is_not_finite_has_no_finite_bound():
     block = jr.Block(0.3, 0.53)
     critical = jr.critical_intensity(block, 0.31, model=jr.Nonlinear())
     scene = jr.Scene(block, 0.31, critical * np.linspace(0.97, 1.03, 61))
-    error = jr.model_error(scene, jr.HalfSine, 0.01)
+    error = jr.accuracy.model_error(scene, jr.HalfSine, 0.01)
     for name in ("rotation_ratio", "period"):
         estimate = getattr(error.duration, name)
         bound = getattr(error.duration_bound, name)
@@ -137,7 +137,7 @@ def test_nothing_known_is_not_nothing_lost():
     """Instantaneous pulses overturn the block, and whether such long ones do is not known."""
     block = jr.Block(0.4843168289551856, 2.612213462629127)
     scene = jr.Scene(block, 0.22657636511598206, 1.289055558055713)
-    error = jr.model_error(scene, jr.HalfSine, 0.3106879530163783)
+    error = jr.accuracy.model_error(scene, jr.HalfSine, 0.3106879530163783)
     assert np.isnan(jr.rotation_ratio(scene, jr.Nonlinear()))
     assert jax.tree.leaves(error.duration_bound) == [np.inf] * 3
     assert jax.tree.leaves(error.total("nonlinear", 64)) == [np.inf] * 3
@@ -146,7 +146,7 @@ def test_nothing_known_is_not_nothing_lost():
 def test_where_the_linearized_equation_is_enough():
     given = scenes(8, NUMBER)
     costs = np.maximum.reduce(
-        [np.abs(c) for c in jax.tree.leaves(jr.model_error(given).linearization)]
+        [np.abs(c) for c in jax.tree.leaves(jr.accuracy.model_error(given).linearization)]
     )
     stands = np.asarray(jr.overturning_margin(given, jr.Nonlinear())) > 0
     for tolerance in (1e-2, 1e-3, 1e-5):
@@ -155,6 +155,6 @@ def test_where_the_linearized_equation_is_enough():
 
 
 def test_both_overturning_costs_nothing():
-    over = jr.model_error(jr.Scene(jr.Block(0.4, 5.0), 0.7, 1.0))
+    over = jr.accuracy.model_error(jr.Scene(jr.Block(0.4, 5.0), 0.7, 1.0))
     assert over.linearization.rotation_ratio == 0
     assert isinstance(over.total("linearized", 64), Answers)

@@ -106,8 +106,8 @@ def test_standard_errors_over_suites(number):
     levels = np.geomspace(0.5, 20.0, 40)
 
     def rate(chosen):
-        site = jr.Site(jr.Suite([records[k] for k in chosen]), hazard, levels=levels)
-        return jr.overturning_rate(jr.Block(0.25, 4.0), 0.85, site, model="linearized")
+        site = jr.risk.Site(jr.Suite([records[k] for k in chosen]), hazard, levels=levels)
+        return jr.risk.overturning_rate(jr.Block(0.25, 4.0), 0.85, site, model="linearized")
 
     exact = float(rate(range(200)).rate)
     factor = stats.t.ppf(0.975, number - 1)

@@ -114,7 +114,7 @@ def test_only_the_period_differs(model):
         np.testing.assert_array_equal(jr.stabilized_period(wall, model), half)
         for function in (jr.launch_velocity, jr.stabilized_velocity):
             np.testing.assert_array_equal(function(wall), function(free))
-        for function in (jr.half_cycle_velocity, jr.next_velocity):
+        for function in (jr.half_cycle_velocity, jr.resonance.next_velocity):
             np.testing.assert_array_equal(function(wall, 3.0), function(free, 3.0))
         for function, extra in (
             (jr.critical_intensity, ()),
@@ -294,8 +294,8 @@ def half_sine(duration, intensity=0.3):
 def test_pulses_of_finite_duration():
     """The stabilized phase is a fixed point: half of a free-standing block's period."""
     pulse = half_sine(0.01)
-    phase = jr.pulsed_phase(WALL, C, pulse)
-    free = jr.pulsed_phase(FREE, -C, pulse)
+    phase = jr.steady.pulsed_phase(WALL, C, pulse)
+    free = jr.steady.pulsed_phase(FREE, -C, pulse)
     assert phase.from_rest
     assert float(phase.period) == pytest.approx(0.5 * float(free.period), rel=1e-12)
     # The same motion through the wall: from one return to the next.
@@ -306,7 +306,7 @@ def test_pulses_of_finite_duration():
     assert landing == pytest.approx(float(phase.velocity), rel=1e-7)
     assert response.history(response.impact_times + 1e-4)[0] > 0
     # Towards the wall no pulse lifts it.
-    still = jr.pulsed_phase(WALL, C, half_sine(0.01, -0.3))
+    still = jr.steady.pulsed_phase(WALL, C, half_sine(0.01, -0.3))
     assert still.settles
 
 
@@ -315,7 +315,7 @@ def test_critical_pulses_become_instantaneous():
     expected = float(jr.critical_intensity(WALL, C, np.inf, "nonlinear"))
     errors = []
     for duration in (4e-3, 2e-3):
-        threshold = jr.critical_pulsed_amplitude(WALL, C, jr.HalfSine, duration)
+        threshold = jr.steady.critical_pulsed_amplitude(WALL, C, jr.HalfSine, duration)
         errors.append(float(threshold.intensity) / expected - 1)
     assert errors[0] / errors[1] == pytest.approx(2, rel=0.02)
     assert abs(errors[1]) < 5e-3
@@ -324,24 +324,27 @@ def test_critical_pulses_become_instantaneous():
 @pytest.mark.thorough
 def test_predicted_costs_are_those_of_the_wall():
     scene = jr.Scene(WALL, C, 0.3)
-    predicted = jr.model_error(scene, jr.HalfSine, 0.02)
-    phase = jr.pulsed_phase(WALL, C, half_sine(0.02))
+    predicted = jr.accuracy.model_error(scene, jr.HalfSine, 0.02)
+    phase = jr.steady.pulsed_phase(WALL, C, half_sine(0.02))
     cost = float(jr.stabilized_period(scene, jr.Nonlinear())) / float(phase.period) - 1
     assert abs(float(predicted.duration.period) - cost) < float(
         predicted.duration_bound.period
     )
     assert float(predicted.duration_bound.period) < 0.2 * cost
     # Linearizing, and rounding, cost what they cost a free-standing block.
-    free = jr.model_error(jr.Scene(FREE, -C, 0.3))
-    alike = jr.model_error(scene)
+    free = jr.accuracy.model_error(jr.Scene(FREE, -C, 0.3))
+    alike = jr.accuracy.model_error(scene)
     for cost, expected in zip(jax.tree.leaves(alike), jax.tree.leaves(free), strict=True):
         np.testing.assert_allclose(cost, expected, rtol=1e-9, atol=1e-15)
-    assert jr.choose(scene, 0.01).setting == jr.choose(jr.Scene(FREE, -C, 0.3), 0.01).setting
+    assert (
+        jr.accuracy.choose(scene, 0.01).setting
+        == jr.accuracy.choose(jr.Scene(FREE, -C, 0.3), 0.01).setting
+    )
 
 
 def test_choice_for_driven_motion():
     scene = (WALL, C, record())
-    choice = jr.choose(scene, 1e-6)
+    choice = jr.accuracy.choose(scene, 1e-6)
     wall, free = (jr.respond_within(block, -C, record(), 1e-6) for block in (WALL, FREE))
     assert choice.setting.rtol == float(wall.cheapest)
     assert float(choice.error) <= 1e-6
@@ -551,19 +554,19 @@ def test_free_rocking_is_fitted(model):
     thrown = np.flatnonzero((velocity[:-1] < 0) & (velocity[1:] > 0))[:12]
     # Straight lines to the ground from both sides of an impact.
     times = time[thrown] - rotation[thrown] / velocity[thrown]
-    fit = jr.fit_free_rocking(times, WALL, model=model)
+    fit = jr.calibration.fit_free_rocking(times, WALL, model=model)
     assert float(fit.restitution) == pytest.approx(0.8, abs=1e-4)
     assert fit.block.one_sided
-    tuned = jr.fit_free_rocking(times, WALL, model=model, frequency_known=False)
+    tuned = jr.calibration.fit_free_rocking(times, WALL, model=model, frequency_known=False)
     assert tuned.block.one_sided
     peaks = [rotation[a:b].max() for a, b in itertools.pairwise(thrown)]
-    fit = jr.fit_free_rocking(times, WALL, peak_rotations=peaks, model=model)
+    fit = jr.calibration.fit_free_rocking(times, WALL, peak_rotations=peaks, model=model)
     assert float(fit.restitution) == pytest.approx(0.8, abs=1e-3)
 
 
 @pytest.mark.thorough
 def test_assessment_names_the_wall():
-    answers, free = (jr.assess(block, 0.47, 0.3) for block in (WALL, FREE))
+    answers, free = (jr.reports.assess(block, 0.47, 0.3) for block in (WALL, FREE))
     scene = answers["scene"]
     assert scene["one_sided_restitution"] == float(jr.one_sided_restitution(WALL))
     assert "housner_restitution" not in scene

@@ -110,7 +110,7 @@ def make_tests():
 def fit_tests(**changes):
     suite, overturned = make_tests()
     options = {"overturned": overturned, "groups": GROUPS, "samples": SAMPLES}
-    return jr.fit_outcomes(suite, **(options | changes))
+    return jr.calibration.fit_outcomes(suite, **(options | changes))
 
 
 @functools.cache
@@ -402,7 +402,7 @@ def test_a_free_rocking_test_is_a_prior():
     block = jr.Block(0.1, 5.0)
     random = np.random.default_rng(0)
     times = impact_times(block, 0.9, 0.9) + random.normal(0, 3e-3, 12)
-    known = jr.fit_free_rocking(times, block, model="linearized")
+    known = jr.calibration.fit_free_rocking(times, block, model="linearized")
     prior = make_prior(known)
     error = known.standard_errors["restitution"] / (
         known.restitution * (1 - known.restitution)
@@ -488,7 +488,7 @@ def test_probabilities_of_new_motions_are_those_of_the_population():
     population = describe_population(group_deviation=0.0, lapse=0.0)
     suite = make_suite(64, seed=1)
     overturned = simulate_tests(population, suite, seed=1)
-    fit = jr.fit_outcomes(suite, overturned, samples=1024)
+    fit = jr.calibration.fit_outcomes(suite, overturned, samples=1024)
     motions = make_suite(200, seed=3)
     blocks, restitutions = make_blocks(population, 4000, seed=4)
     true = [jr.respond_batch(blocks, restitutions, m).overturned.mean() for m in motions]
@@ -496,5 +496,5 @@ def test_probabilities_of_new_motions_are_those_of_the_population():
     assert difference.mean() < 0.06
     # Exchanged outcomes fit no block.
     exchanged = overturned ^ (np.random.default_rng(2).permutation(64) < 16)
-    disturbed = jr.fit_outcomes(suite, exchanged, samples=1024)
+    disturbed = jr.calibration.fit_outcomes(suite, exchanged, samples=1024)
     assert float(disturbed.population.lapse) > 1.5 * float(fit.population.lapse)

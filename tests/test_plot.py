@@ -38,7 +38,7 @@ def boundaries():
 def curves():
     pulse = np.sin(np.linspace(0, 2 * np.pi, 200))
     suite = jr.Suite([jr.Record(a * pulse, a / 400) for a in (1.0, 2.0, 3.0)])
-    return jr.fragility(jr.Block(0.1, 5.0), 0.8, suite, np.geomspace(0.2, 3, 7))
+    return jr.risk.fragility(jr.Block(0.1, 5.0), 0.8, suite, np.geomspace(0.2, 3, 7))
 
 
 def scores():
@@ -89,7 +89,7 @@ def map_of(values):
 @pytest.mark.float64
 def test_all_draw_on_the_axes_given_with_units_and_texts_apart(spectrum, boundaries, curves):
     period = spectrum.stabilized_period.sel(restitution=0.6)
-    floor = jr.harmonic_spectrum(np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14))
+    floor = jr.spectra.harmonic_spectrum(np.linspace(1, 5, 12), np.geomspace(0.02, 9, 14))
     slopes = map_of(np.where(np.arange(600) < 580, 1.0 - np.arange(600) / 200, np.nan))
     bars = bars_of(0.3, (0.1, np.nan), (0.2, 0.5), (0.31, 0.3))
     calls = {

@@ -32,7 +32,7 @@ def test_order_in_the_duration():
     ]
     errors = []
     for duration in (4e-3, 2e-3, 1e-3):
-        phase = jr.pulsed_phase(BLOCK, C, half_sine(duration))
+        phase = jr.steady.pulsed_phase(BLOCK, C, half_sine(duration))
         assert phase.stands
         errors.append(
             [
@@ -51,7 +51,7 @@ def test_order_in_the_duration():
 @pytest.mark.thorough
 def test_fixed_point_and_rate():
     pulse = half_sine(0.04)
-    phase = jr.pulsed_phase(BLOCK, C, pulse)
+    phase = jr.steady.pulsed_phase(BLOCK, C, pulse)
     velocity = 0.0
     errors = []
     for _ in range(12):
@@ -67,7 +67,7 @@ def test_fixed_point_and_rate():
 def test_derivative():
     @jax.jit
     def ratio(at):
-        phase = jr.pulsed_phase(BLOCK, at[1], jr.HalfSine(at[0], 0.04))
+        phase = jr.steady.pulsed_phase(BLOCK, at[1], jr.HalfSine(at[0], 0.04))
         return phase.rotation_ratio
 
     at = np.array([float(half_sine(0.04).amplitude), C])
@@ -170,7 +170,7 @@ def test_where_bounces_die_out(name):
     numbers, c, pulse, expected, other = LONG_OR_WEAK[name]
     block = jr.Block(*numbers)
     pulse = jr.HalfSine(*pulse)
-    phase = jr.pulsed_phase(block, c, pulse)
+    phase = jr.steady.pulsed_phase(block, c, pulse)
     assert repeated(one_case(block, c, pulse), np.zeros(1), 1e-5)[0] == [expected]
     assert bool(phase.stands)
     assert not phase.overturns
@@ -209,7 +209,7 @@ def test_random_pulses(shape):
         _, b, slenderness, c, amplitude, duration = (each[0] for each in case)
         block = jr.Block(b, slenderness)
         pulse = shape(amplitude, duration)
-        phase = jr.pulsed_phase(block, c, pulse)
+        phase = jr.steady.pulsed_phase(block, c, pulse)
         if phase.overturns:
             found = "overturns"
         elif not phase.stands:
@@ -243,10 +243,10 @@ def test_random_pulses(shape):
 
 @pytest.mark.thorough
 def test_no_phase_and_no_motion():
-    over = jr.pulsed_phase(BLOCK, C, jr.HalfSine(100.0, 0.1))
+    over = jr.steady.pulsed_phase(BLOCK, C, jr.HalfSine(100.0, 0.1))
     assert not over.stands
     assert np.isnan(over.rotation_ratio)
-    rest = jr.pulsed_phase(BLOCK, C, jr.HalfSine(1.0, 0.1))
+    rest = jr.steady.pulsed_phase(BLOCK, C, jr.HalfSine(1.0, 0.1))
     assert rest.stands
     assert rest.rotation_ratio == 0
     assert over.overturns
@@ -258,8 +258,8 @@ def test_single_precision_where_double_is_allowed():
     single = np.float32
     block = jr.Block(single(0.4), single(5.0))
     pulse = jr.HalfSine(single(1.3), single(0.1))
-    phase = jr.pulsed_phase(block, single(0.9), pulse)
-    double = jr.pulsed_phase(jr.Block(0.4, 5.0), 0.9, jr.HalfSine(1.3, 0.1))
+    phase = jr.steady.pulsed_phase(block, single(0.9), pulse)
+    double = jr.steady.pulsed_phase(jr.Block(0.4, 5.0), 0.9, jr.HalfSine(1.3, 0.1))
     assert phase.velocity.dtype == single
     assert double.velocity.dtype == np.float64
     assert float(phase.velocity) == pytest.approx(float(double.velocity), rel=1e-3)
@@ -285,7 +285,7 @@ VERGES = [
 def test_pulses_at_their_verge():
     """From the critical velocity a little weaker ones keep the block up; stronger ones do not."""
     found = [
-        jr.critical_pulsed_amplitude(jr.Block(*numbers), c, jr.HalfSine, duration)
+        jr.steady.critical_pulsed_amplitude(jr.Block(*numbers), c, jr.HalfSine, duration)
         for numbers, c, duration, _, _ in VERGES
     ]
     for verge, (*_, lifts, from_rest) in zip(found, VERGES, strict=True):
@@ -298,7 +298,9 @@ def test_pulses_at_their_verge():
     factors = np.repeat([1 - 1e-6, 1 + 1e-6], len(VERGES))
     assert kept_up(cases.times(factors), most=6)[0].tolist() == [True] * 3 + [False] * 3
     # Under so long pulses another orbit meets this one before.
-    lost = jr.critical_pulsed_amplitude(jr.Block(0.49841, 8.1018), 0.6598, jr.HalfSine, 1.9552)
+    lost = jr.steady.critical_pulsed_amplitude(
+        jr.Block(0.49841, 8.1018), 0.6598, jr.HalfSine, 1.9552
+    )
     assert np.isnan(lost.amplitude)
     assert float(lost.rate) == pytest.approx(2.1091, rel=1e-3)
 
@@ -314,7 +316,7 @@ def test_random_verges(shape):
     lengths = (0.1, 5) if shape is jr.Cosine else (2e-3, 5)
     cases = random_cases(np.random.default_rng(3), shape, 8, lengths)
     verges = [
-        jr.critical_pulsed_amplitude(jr.Block(b, slenderness), c, shape, duration)
+        jr.steady.critical_pulsed_amplitude(jr.Block(b, slenderness), c, shape, duration)
         for b, slenderness, c, _, duration in zip(*cases[1:], strict=True)
     ]
     amplitude, rate = (
@@ -338,7 +340,7 @@ def test_from_rest_to_a_verge_that_is_far():
     block = jr.Block(0.99183, 4.4053)
     c = 0.6078
     duration = 0.0072566
-    verge = jr.critical_pulsed_amplitude(block, c, jr.Cosine, duration)
+    verge = jr.steady.critical_pulsed_amplitude(block, c, jr.Cosine, duration)
     weaker = one_case(block, c, jr.Cosine(verge.amplitude * (1 - 1e-6), duration))
     assert repeated(weaker, np.zeros(1), 1e-9)[1] / critical(block) == pytest.approx(
         0.9981, abs=1e-4
@@ -352,7 +354,9 @@ def test_verge():
 
     def verge(at):
         block = jr.Block(at[0], at[1])
-        return jr.critical_pulsed_amplitude(block, at[2], jr.HalfSine, at[3], rtol=1e-12)
+        return jr.steady.critical_pulsed_amplitude(
+            block, at[2], jr.HalfSine, at[3], rtol=1e-12
+        )
 
     at = np.array([0.4, 5.0, 0.7, 0.05])
     found = verge(at)
@@ -360,10 +364,12 @@ def test_verge():
     assert bool(found.lifts)
     for factor, stands in ((1 - 1e-5, True), (1 + 1e-5, False)):
         pulse = jr.HalfSine(amplitude * factor, 0.05)
-        assert bool(jr.pulsed_phase(BLOCK, C, pulse).stands) == stands
+        assert bool(jr.steady.pulsed_phase(BLOCK, C, pulse).stands) == stands
     assert found.from_rest
     # On the verge the slope is known from the margin: the map just below it agrees.
-    below = jr.pulsed_phase(BLOCK, C, jr.HalfSine(amplitude * (1 - 1e-6), 0.05), rtol=1e-12)
+    below = jr.steady.pulsed_phase(
+        BLOCK, C, jr.HalfSine(amplitude * (1 - 1e-6), 0.05), rtol=1e-12
+    )
     assert float(below.rate) == pytest.approx(float(found.rate), rel=1e-4)
 
     def amplitude_and_rate(at):
@@ -397,9 +403,9 @@ def test_verge():
         (0.058, 5.993, 0.5629, 0.00105),
     ):
         block = jr.Block(half_width, slenderness)
-        found = jr.critical_pulsed_amplitude(block, c, jr.HalfSine, duration)
+        found = jr.steady.critical_pulsed_amplitude(block, c, jr.HalfSine, duration)
         weaker, stronger = (
-            jr.pulsed_phase(block, c, jr.HalfSine(found.amplitude * factor, duration))
+            jr.steady.pulsed_phase(block, c, jr.HalfSine(found.amplitude * factor, duration))
             for factor in (1 - 1e-6, 1 + 1e-6)
         )
         assert float(weaker.velocity) == pytest.approx(critical(block), rel=1e-4)
@@ -407,10 +413,12 @@ def test_verge():
         beyond["overturns"] += int(stronger.overturns)
         beyond["settles"] += int(stronger.settles)
     assert beyond == {"overturns": 2, "settles": 2}
-    sine = jr.critical_pulsed_amplitude(jr.Block(0.1376, 1.56), 0.7101, jr.Sine, 0.07204)
+    sine = jr.steady.critical_pulsed_amplitude(
+        jr.Block(0.1376, 1.56), 0.7101, jr.Sine, 0.07204
+    )
     assert sine.lifts
     assert not sine.from_rest
-    assert jr.pulsed_phase(
+    assert jr.steady.pulsed_phase(
         jr.Block(0.1376, 1.56), 0.7101, jr.Sine(sine.amplitude * 0.9, 0.07204)
     ).overturns
     # Of long pulses the fixed point is lost before, where it meets another one.

@@ -25,12 +25,12 @@ STATUE = {**PARAMETERS, "half_width": 0.3, "inertia_ratio": 4 / 3, "restitution"
 def sine_site(**options):
     """A second of a sine, sampled coarsely: three boundaries."""
     sine = jr.Record(3 * np.sin(2 * np.pi * 0.02 * np.arange(51)), 0.02)
-    return jr.Site(jr.Suite([sine]), jr.Hazard(*CURVE), **options)
+    return jr.risk.Site(jr.Suite([sine]), jr.risk.Hazard(*CURVE), **options)
 
 
 def example_site():
-    curve = jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
-    return jr.Site(jr.example_suite(), curve)
+    curve = jr.risk.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
+    return jr.risk.Site(jr.example_suite(), curve)
 
 
 def rates_at_ends(parameters, site, change):
@@ -39,7 +39,7 @@ def rates_at_ends(parameters, site, change):
     for k in range(5):
         ends[k, k] *= 1 + change * np.array([-1, 1])
     *block, restitution = ends.reshape(5, -1)
-    answer = jr.overturning_rate(jr.Block(*block), restitution, site)
+    answer = jr.risk.overturning_rate(jr.Block(*block), restitution, site)
     return np.asarray(answer.rate).reshape(5, 2)
 
 
@@ -100,7 +100,7 @@ LEVELS = np.geomspace(0.9, 6.0, 40)
 @SLOW
 def test_elasticities_by_each_description():
     """The chain rule for a small change, in both precisions; each of two objects has its own."""
-    site = jr.Site(pulses(50), hazard, levels=LEVELS[::4])
+    site = jr.risk.Site(pulses(50), hazard, levels=LEVELS[::4])
     blocks = jr.Block(np.array([0.25, 0.3]), np.array([4.0, 3.5]))
     shape, sides, dynamics = (
         jr.risk.rate_elasticities(blocks, 0.85, site, by=by, change=0.01, model="linearized")
@@ -132,8 +132,8 @@ def test_derivatives_against_differences():
     levels = np.geomspace(0.2, 4.0, 60).clip(0.2, 4.0)
 
     def rate(*at):
-        site = jr.Site(suite, jr.Hazard(CURVE[0], at[5]), levels=levels)
-        return jr.overturning_rate(jr.Block(*at[:4]), at[4], site).rate
+        site = jr.risk.Site(suite, jr.risk.Hazard(CURVE[0], at[5]), levels=levels)
+        return jr.risk.overturning_rate(jr.Block(*at[:4]), at[4], site).rate
 
     value, reverse = jax.value_and_grad(rate, range(6))(*at)
     derivatives = np.concatenate([np.array(reverse[:5], float), np.asarray(reverse[5])])
@@ -166,9 +166,9 @@ def test_derivatives_in_closed_form():
 
     def rate(*at):
         ends = np.array([0.5, 8.0])
-        site = jr.Site(suite, jr.Hazard(ends, at[3] * ends ** -at[4]), levels=LEVELS)
+        site = jr.risk.Site(suite, jr.risk.Hazard(ends, at[3] * ends ** -at[4]), levels=LEVELS)
         block = jr.Block(at[0], at[1], inertia_ratio=at[2])
-        return jr.overturning_rate(block, at[5], site, model="linearized").rate
+        return jr.risk.overturning_rate(block, at[5], site, model="linearized").rate
 
     def exact(*at):
         return closed_rate("pgv", *at[:3], often=at[3], power=at[4])
@@ -189,10 +189,10 @@ def test_derivatives_in_closed_form():
 @DOUBLE
 def test_derivatives_under_recorded_motions():
     """A wider and a less slender block overturns more seldom."""
-    site = jr.Site(jr.example_suite()[18:], example_site().hazard)
+    site = jr.risk.Site(jr.example_suite()[18:], example_site().hazard)
 
     def rate(block, restitution):
-        return jr.overturning_rate(block, restitution, site).rate
+        return jr.risk.overturning_rate(block, restitution, site).rate
 
     value, derivatives = jax.value_and_grad(rate, (0, 1))(jr.Block(0.3, 4.0), 0.8)
     assert 0 < float(value) < 1e-4
@@ -200,14 +200,14 @@ def test_derivatives_under_recorded_motions():
     assert float(derivatives[0].half_width) < 0 < float(derivatives[0].slenderness)
 
 
-NOISE = jr.Hazard([0.1, 0.4, 1.0, 3.0], [1e-2, 1e-3, 1e-4, 1e-6])
+NOISE = jr.risk.Hazard([0.1, 0.4, 1.0, 3.0], [1e-2, 1e-3, 1e-4, 1e-6])
 
 
 def two_sines():
     """No two boundaries lie between neighbouring levels, of which either could be located."""
     along = np.sin(2 * np.pi * np.linspace(0, 1, 51))
     suite = jr.Suite([jr.Record(3 * along, duration / 50) for duration in (0.8, 1.0)])
-    return jr.Site(suite, jr.Hazard(*CURVE))
+    return jr.risk.Site(suite, jr.risk.Hazard(*CURVE))
 
 
 @DOUBLE
@@ -215,10 +215,10 @@ def test_the_rate_of_samples_is_the_mean_of_theirs():
     site = two_sines()
     block = jr.Block(np.array([0.1, 0.12]), 4.0)
     uncertain = jr.Uncertain({"restitution": 0.05, "half_width": 0.1}, samples=4, seed=3)
-    answer = jr.overturning_rate(block, 0.7, site, uncertain)
+    answer = jr.risk.overturning_rate(block, 0.7, site, uncertain)
     draws = uncertain.draw(block, 0.7)
     flat = jax.tree.map(np.ravel, draws.block)
-    exact = jr.overturning_rate(flat, draws.restitution.ravel(), site)
+    exact = jr.risk.overturning_rate(flat, draws.restitution.ravel(), site)
     by_sample = np.reshape(exact.rate, (2, 4))
     # Each boundary is located to 1e-4, on either side.
     np.testing.assert_allclose(answer.sample_rates, by_sample, rtol=1e-4)
@@ -234,9 +234,9 @@ def test_the_rate_of_samples_is_the_mean_of_theirs():
 @SLOW
 def test_the_rate_of_an_uncertain_block_in_closed_form():
     """The mean over a lognormal half-width, by Gauss and Hermite's rule."""
-    site = jr.Site(pulses(100), hazard, levels=np.geomspace(0.5, 12.0, 100))
+    site = jr.risk.Site(pulses(100), hazard, levels=np.geomspace(0.5, 12.0, 100))
     uncertain = jr.Uncertain({"half_width": 0.2}, samples=256)
-    answer = jr.overturning_rate(
+    answer = jr.risk.overturning_rate(
         jr.Block(*SHAPE[:2]), 0.85, site, uncertain, model="linearized"
     )
     places, weights = np.polynomial.hermite_e.hermegauss(12)

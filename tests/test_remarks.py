@@ -58,7 +58,7 @@ def test_sizes_and_intensities_that_are_hardly_meant_in_metres():
     with pytest.warns(UserWarning, match="width is 80 m.* in metres"):
         jr.resonance_spectrum(5.0, [40.0, 80.0], 0.6, 0.15)
     with pytest.warns(UserWarning, match="velocity of 150 m/s"):
-        jr.Site(scenes.suite(), jr.Hazard([10.0, 150.0], [1e-2, 1e-4]), "pgv")
-    jr.Site(scenes.suite(), jr.Hazard([0.1, 100.0], [1e-2, 1e-4]), "pga")
+        jr.risk.Site(scenes.suite(), jr.risk.Hazard([10.0, 150.0], [1e-2, 1e-4]), "pgv")
+    jr.risk.Site(scenes.suite(), jr.risk.Hazard([0.1, 100.0], [1e-2, 1e-4]), "pga")
     jr.Block.from_size(width=30.0, height=100.0)
     jax.jit(lambda width: jr.Block.from_size(width=width, height=1.0).half_width)(600.0)

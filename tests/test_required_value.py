@@ -23,7 +23,7 @@ LINEARIZED = {"model": "linearized"}
 
 
 def site_of_pulses(samples, levels=LEVELS[::20]):
-    return jr.Site(pulses(samples), hazard, levels=levels)
+    return jr.risk.Site(pulses(samples), hazard, levels=levels)
 
 
 def rate_of_width(width, height=HEIGHT):
@@ -45,7 +45,7 @@ def sine_suite(cycles=1):
 def test_width_at_this_height_in_closed_form():
     """Within the resolution, on the safe side."""
     exact = find_width()
-    answer = jr.required_value(
+    answer = jr.risk.required_value(
         CABINET, 0.85, site_of_pulses(200), TARGET, "width", BOUNDS, **LINEARIZED
     )
     assert exact * (1 - 1e-5) < float(answer.value) < exact * 1.005
@@ -67,8 +67,10 @@ def test_many_objects_at_once():
     blocks = jr.Block.from_size(width=0.5, height=heights)
     bounds = (np.array([0.25, 0.3]), 1.2)
     targets = np.array([6e-5, 5e-5])
-    many = jr.required_value(blocks, 0.85, site, targets, "width", bounds, **LINEARIZED)
-    alone = jr.required_value(CABINET, 0.85, site, 5e-5, "width", (0.3, 1.2), **LINEARIZED)
+    many = jr.risk.required_value(blocks, 0.85, site, targets, "width", bounds, **LINEARIZED)
+    alone = jr.risk.required_value(
+        CABINET, 0.85, site, 5e-5, "width", (0.3, 1.2), **LINEARIZED
+    )
     for name in ("value", "rate", "count"):
         single = np.asarray(getattr(alone, name))
         all_ = np.asarray(getattr(many, name))
@@ -90,17 +92,17 @@ def test_the_rate_at_the_value_is_not_above_the_target(make_suite, cases):
     rng = np.random.default_rng(11)
     height = rng.uniform(0.6, 2.0, cases)
     restitution = rng.uniform(0.6, 0.9, cases)
-    curve = jr.Hazard([0.1, 0.4, 1.0, 4.0], [1e-2, 1e-3, 1e-4, 1e-6])
-    site = jr.Site(make_suite(), curve, spacing=0.02)
+    curve = jr.risk.Hazard([0.1, 0.4, 1.0, 4.0], [1e-2, 1e-3, 1e-4, 1e-6])
+    site = jr.risk.Site(make_suite(), curve, spacing=0.02)
     width = height * rng.uniform(0.12, 0.3, cases)
     block = jr.Block.from_size(width=width, height=height)
-    target = np.asarray(jr.overturning_rate(block, restitution, site).rate)
+    target = np.asarray(jr.risk.overturning_rate(block, restitution, site).rate)
     bounds = (0.08 * height, 0.6 * height)
-    answer = jr.required_value(block, restitution, site, target, "width", bounds)
+    answer = jr.risk.required_value(block, restitution, site, target, "width", bounds)
     assert np.isfinite(answer.value).all()
     assert (np.asarray(answer.rate) <= target).all()
     changed = jr.Block.from_size(width=np.asarray(answer.value), height=height)
-    exact = jr.overturning_rate(changed, restitution, site)
+    exact = jr.risk.overturning_rate(changed, restitution, site)
     np.testing.assert_allclose(answer.rate, exact.rate, rtol=1e-9)
 
 
@@ -110,7 +112,9 @@ def test_derivatives_by_the_implicit_function_theorem():
     def value(target, height):
         block = jr.Block.from_size(width=0.5, height=height)
         site = site_of_pulses(400, LEVELS[::10])
-        answer = jr.required_value(block, 0.85, site, target, "width", BOUNDS, **LINEARIZED)
+        answer = jr.risk.required_value(
+            block, 0.85, site, target, "width", BOUNDS, **LINEARIZED
+        )
         return answer.value
 
     derivatives = jax.grad(value, (0, 1))(TARGET, HEIGHT)
@@ -140,19 +144,19 @@ def test_against_brute_force(cycles, objects):
     levels come and go with the width: the rates are known up to what is not detected.
     """
     random = np.random.default_rng(3)
-    site = jr.Site(sine_suite(cycles), hazard, levels=np.geomspace(0.2, 4.0, 200))
+    site = jr.risk.Site(sine_suite(cycles), hazard, levels=np.geomspace(0.2, 4.0, 200))
     for _ in range(objects):
         height = random.uniform(0.8, 2.0)
         restitution = random.uniform(0.7, 0.95)
         bounds = (0.1 * height, 0.8 * height)
         widths = np.geomspace(*bounds, 400)
         blocks = jr.Block.from_size(width=widths, height=height)
-        exact = jr.overturning_rate(blocks, restitution, site, **LINEARIZED)
+        exact = jr.risk.overturning_rate(blocks, restitution, site, **LINEARIZED)
         rates = np.asarray(exact.rate)
         unknown = np.asarray(exact.not_detected)
         target = float(np.quantile(rates, random.uniform(0.2, 0.8))) * 1.0001
         block = jr.Block.from_size(width=1.0, height=height)
-        answer = jr.required_value(
+        answer = jr.risk.required_value(
             block, restitution, site, target, "width", bounds, **LINEARIZED
         )
         beyond = widths > float(answer.value)
@@ -200,7 +204,7 @@ def test_against_brute_force(cycles, objects):
 )
 def test_what_the_answer_says(change, value, reason):
     arguments = {"target": TARGET, "bounds": BOUNDS, **LINEARIZED} | change
-    found = jr.required_value(CABINET, 0.85, site_of_pulses(100), **arguments)
+    found = jr.risk.required_value(CABINET, 0.85, site_of_pulses(100), **arguments)
     assert reason in str(found)
     if value is not None:
         assert float(found.value) == value
@@ -214,7 +218,7 @@ def test_a_hazard_that_ends_before_the_target():
     levels = np.geomspace(0.7, 1.6, 30)
     target = 0.5 * float(hazard(levels[-1]))
     site = site_of_pulses(100, levels=levels)
-    found = jr.required_value(CABINET, 0.85, site, target, bounds=BOUNDS, **LINEARIZED)
+    found = jr.risk.required_value(CABINET, 0.85, site, target, bounds=BOUNDS, **LINEARIZED)
     assert np.isnan(float(found.value))
     assert f"continue it to {2.5 / target:,.0f} or ask for a target above it" in str(found)
 
@@ -223,7 +227,7 @@ def test_a_hazard_that_ends_before_the_target():
 @SLOW
 def test_derivatives_where_the_rate_is_not_smooth(monkeypatch):
     """NaN in both modes; 0 where the value does not move, and nothing of one in another."""
-    site = jr.Site(sine_suite(), hazard, levels=np.geomspace(0.2, 4.0, 25))
+    site = jr.risk.Site(sine_suite(), hazard, levels=np.geomspace(0.2, 4.0, 25))
     blocks = jr.Block.from_size(width=1.0, height=np.array([1.2, 1.2, 1.2]))
     # The first counts as rough here, the second has no value, the third is safe at all.
     module = sys.modules["jaxrock.risk.required_value"]
@@ -231,7 +235,7 @@ def test_derivatives_where_the_rate_is_not_smooth(monkeypatch):
     targets = np.array([6.3e-4, 1e-7, 1.0])
 
     def values(targets):
-        return jr.required_value(
+        return jr.risk.required_value(
             blocks, 0.9, site, targets, "width", (0.15, 0.9), **LINEARIZED
         ).value
 

@@ -21,7 +21,7 @@ def test_half_cycle_velocity_is_the_map_iterated(restitution, number):
     one = scene(restitution)
     velocity = jr.launch_velocity(one)
     for _ in range(number - 1):
-        velocity = jr.next_velocity(one, velocity)
+        velocity = jr.resonance.next_velocity(one, velocity)
     found = jr.half_cycle_velocity(one, number)
     np.testing.assert_allclose(found, velocity, rtol=2 * (number + 2) * eps)
 
@@ -38,7 +38,7 @@ def test_half_cycles_tend_to_the_limit_as_powers_of_restitution(restitution, num
 def test_the_limit_is_a_fixed_point_of_the_map(eps):
     one = scene()
     limit = jr.stabilized_velocity(one)
-    np.testing.assert_allclose(jr.next_velocity(one, limit), limit, rtol=4 * eps)
+    np.testing.assert_allclose(jr.resonance.next_velocity(one, limit), limit, rtol=4 * eps)
     assert jr.half_cycle_velocity(one, jnp.inf) == limit
 
 

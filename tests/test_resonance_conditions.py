@@ -50,7 +50,7 @@ def orbits(c, strength, w):
     """Rotation ratio, phase and launch velocity of stable motions, by one program for all tests."""
     broadcast = np.broadcast_arrays(c, strength, w)
     flat = [np.pad(np.ravel(x), (0, 32 - np.size(x)), mode="edge") for x in broadcast]
-    found = jr.harmonic_orbit(BLOCK, flat[0], flat[1] * UPLIFT, flat[2] * P)
+    found = jr.steady.harmonic_orbit(BLOCK, flat[0], flat[1] * UPLIFT, flat[2] * P)
     assert found.stable.all()
     values = found.rotation_ratio, found.phase, found.launch_velocity
     return [np.asarray(x)[: broadcast[0].size].reshape(broadcast[0].shape) for x in values]
@@ -81,7 +81,7 @@ def test_frequencies():
     ratio = orbits(C, strength, w[:, None])[0]
     assert_rounded(cells[:, 3:6], ratio)
     assert_rounded(cells[:, 6:], after_pulses(C, strength[:2], w[:, None]))
-    linearized = jr.harmonic_orbit(
+    linearized = jr.steady.harmonic_orbit(
         BLOCK, C, strength[None] * UPLIFT, w[:, None] * P, model="linearized"
     )
     off = np.max(np.abs(linearized.rotation_ratio / ratio - 1))
@@ -157,7 +157,9 @@ def test_slow_and_fast_floors():
     np.testing.assert_allclose(computed, [slow, fast], rtol=1e-3)
     w = 200.0
     strength = np.array([0.1, 1.0, 3.0])
-    orbit = jr.harmonic_orbit(BLOCK, 1 - 1e-6, strength * unit, w * P, model="linearized")
+    orbit = jr.steady.harmonic_orbit(
+        BLOCK, 1 - 1e-6, strength * unit, w * P, model="linearized"
+    )
     np.testing.assert_allclose(
         orbit.rotation_ratio, (np.pi**2 / 8 + strength) / w**2, rtol=2e-4
     )

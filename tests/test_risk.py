@@ -28,7 +28,7 @@ NAN = float("nan")
 
 
 def test_hazard_is_straight_in_logarithms(eps):
-    hazard = jr.Hazard([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-5])
+    hazard = jr.risk.Hazard([0.1, 1.0, 10.0], [1e-2, 1e-4, 1e-5])
     levels = jnp.asarray([0.1, 10**-0.5, 1.0, 10**0.5, 10.0])
     rates = np.array([1e-2, 1e-3, 1e-4, 10**-4.5, 1e-5])
     np.testing.assert_allclose(hazard(levels), rates, rtol=40 * eps)
@@ -41,7 +41,7 @@ def test_hazard_is_straight_in_logarithms(eps):
         )
     assert float(jax.grad(hazard)(20.0)) == 0
     assert str(hazard) == "hazard from 0.01 1/yr at 0.1 to 1e-05 1/yr at 10"
-    hazard = jr.Hazard([0.1, 10.0], [1e-2, 1e-5], "pgv", statistic="quantile-0.85")
+    hazard = jr.risk.Hazard([0.1, 10.0], [1e-2, 1e-5], "pgv", statistic="quantile-0.85")
     assert str(hazard).startswith("quantile-0.85 hazard of pgv from")
     assert jax.grad(lambda curve: curve(1.0))(hazard).statistic == "quantile-0.85"
 
@@ -62,7 +62,7 @@ def bent_rate(level):
 
 def test_a_hazard_with_level_stretches_and_zeros(eps):
     """A straight line in logarithms, and over the logarithm of the level down to the first 0."""
-    hazard = jr.Hazard(BENDS, BENT)
+    hazard = jr.risk.Hazard(BENDS, BENT)
     levels = np.array([0.6, 1.5, 2.0, 2.5, 3.5, 5.9, 7.0])
     exact = [float(bent_rate(x)) for x in levels[:-1]] + [0.0]
     np.testing.assert_allclose(hazard(levels), exact, rtol=100 * eps, atol=1e-5 * eps)
@@ -71,7 +71,9 @@ def test_a_hazard_with_level_stretches_and_zeros(eps):
     found = jax.vmap(jax.grad(hazard))(jnp.asarray(levels))
     np.testing.assert_allclose(found, slopes, rtol=300 * eps, atol=1e-30)
     # Proportional to its rates, and finite derivatives, where a rate is 0 as well.
-    of_rates = jax.jacrev(lambda rates: jr.Hazard(BENDS, rates)(levels))(jnp.asarray(BENT))
+    of_rates = jax.jacrev(lambda rates: jr.risk.Hazard(BENDS, rates)(levels))(
+        jnp.asarray(BENT)
+    )
     np.testing.assert_allclose(of_rates @ BENT, exact, rtol=100 * eps, atol=1e-5 * eps)
     assert np.isfinite(np.asarray(jax.vmap(jax.grad(hazard))(jnp.asarray(BENDS)))).all()
     assert str(hazard) == "hazard from 0.01 1/yr at 0.5 to 0 1/yr at 6"
@@ -80,12 +82,12 @@ def test_a_hazard_with_level_stretches_and_zeros(eps):
 def test_rates_too_small_for_normal_numbers():
     """They count as 0, in single precision sooner; interpolated they would be 1."""
     tiny = 0.1 * np.finfo(jnp.ones(()).dtype).tiny
-    hazard = jr.Hazard([0.1, 1.0, 3.0, 5.0], [1e-2, 1e-4, tiny, tiny / 10])
+    hazard = jr.risk.Hazard([0.1, 1.0, 3.0, 5.0], [1e-2, 1e-4, tiny, tiny / 10])
     assert "at 3" in str(hazard)
     assert hazard(4.0) < 1e-30
     message = "the first two rates must be greater than 0, got .* which counts as 0 in float"
     with pytest.raises(ValueError, match=message):
-        jr.Hazard([0.1, 0.3], [tiny, tiny / 10])
+        jr.risk.Hazard([0.1, 0.3], [tiny, tiny / 10])
 
 
 def fit(boundaries, ends, signs=1.0, below=0, above=0):
@@ -171,12 +173,14 @@ LEVELS = np.geomspace(0.9, 6.0, 40)
 
 def site_of_pulses(samples, measure="pgv", levels=LEVELS, often=OFTEN, power=POWER):
     ends = np.array([0.1, 20.0])
-    return jr.Site(pulses(samples), jr.Hazard(ends, often * ends**-power), measure, levels)
+    return jr.risk.Site(
+        pulses(samples), jr.risk.Hazard(ends, often * ends**-power), measure, levels
+    )
 
 
 def rate_of_pulses(shape, restitution, site):
     block = jr.Block(*shape[:2], inertia_ratio=shape[2])
-    return jr.overturning_rate(block, restitution, site, model="linearized")
+    return jr.risk.overturning_rate(block, restitution, site, model="linearized")
 
 
 @DOUBLE
@@ -193,12 +197,14 @@ SLIM = jr.Block(0.1, 5.0)
 @SLOW
 @DOUBLE
 def test_under_jit_no_more_boundaries_than_are_listed():
-    site = jr.Site(jr.Suite([SINE]), hazard, levels=np.linspace(0.3, 1.5, 41))
-    concrete = jr.overturning_rate(SLIM, 0.9, site, max_boundaries=1)
+    site = jr.risk.Site(jr.Suite([SINE]), hazard, levels=np.linspace(0.3, 1.5, 41))
+    concrete = jr.risk.overturning_rate(SLIM, 0.9, site, max_boundaries=1)
     assert concrete.boundaries is not None
     assert concrete.boundaries.count[0] == 3
     assert concrete.complete
-    compiled = jax.jit(lambda c: jr.overturning_rate(SLIM, c, site, max_boundaries=1))(0.9)
+    compiled = jax.jit(lambda c: jr.risk.overturning_rate(SLIM, c, site, max_boundaries=1))(
+        0.9
+    )
     assert not compiled.complete
     assert "incomplete: an integration did not finish, or a boundary is not listed" in str(
         compiled
@@ -264,13 +270,15 @@ def test_an_incomplete_rate_names_the_record():
 @pytest.mark.parametrize("move", [1.0, 2.4, 4.0])
 def test_rate_under_a_hazard_with_zeros(move):
     """Located, of samples, and differentiated: verges in all parts of the curve."""
-    curve = jr.Hazard(BENDS * move / 2, BENT)
+    curve = jr.risk.Hazard(BENDS * move / 2, BENT)
 
     def rate(b, site, **options):
         block = jr.Block(b, SHAPE[1])
-        return jr.overturning_rate(block, RESTITUTION, site, model="linearized", **options)
+        return jr.risk.overturning_rate(
+            block, RESTITUTION, site, model="linearized", **options
+        )
 
-    site = jr.Site(pulses(400), curve)
+    site = jr.risk.Site(pulses(400), curve)
     verges = [verge("pgv", d, *SHAPE) * 2 / move for d in DURATIONS]
     exact = [float(bent_rate(x)) if x < BENDS[-2] else 0.0 for x in verges]
     answer = rate(SHAPE[0], site)
@@ -299,7 +307,7 @@ def lifted_by(suite):
 def test_fragility_of_pulses_is_a_staircase(eps):
     suite = pulses(200)
     levels = np.array([0.3, 0.8, 1.2, 1.5, 1.72, 2.0, 2.5])
-    curves = jr.fragility(BLOCK, RESTITUTION, suite, levels, model="linearized")
+    curves = jr.risk.fragility(BLOCK, RESTITUTION, suite, levels, model="linearized")
     assert curves.threshold.values.tolist() == ["uplift", "0.5", "1", "overturning"]
     assert curves.exceedance.dims == ("level", "threshold")
     durations = np.array(DURATIONS)
@@ -331,10 +339,10 @@ def test_medians_of_located_boundaries():
     suite = pulses(50)[:2]
     levels = np.geomspace(2.0, 60.0, 12)
     options = {"measure": "pga", "thresholds": ["uplift", "overturning"]}
-    curves = jr.fragility(BLOCK, RESTITUTION, suite, levels, **options)
+    curves = jr.risk.fragility(BLOCK, RESTITUTION, suite, levels, **options)
     assert float(curves.lognormal_median[0]) == pytest.approx(9.81 / 4, rel=2e-3)
     # Uplift is located below the levels as well, and is no guess of a curve.
-    above = jr.fragility(BLOCK, RESTITUTION, suite, levels[4:], **options)
+    above = jr.risk.fragility(BLOCK, RESTITUTION, suite, levels[4:], **options)
     assert float(above.lognormal_median[0]) == pytest.approx(9.81 / 4, rel=2e-3)
     assert levels[4] > 9.81 / 4
     assert "outside" not in str(above.remark.values[0])
@@ -353,7 +361,7 @@ def test_medians_of_located_boundaries():
         boundaries.append(np.log(low * high) / 2)
     assert np.log(curves.lognormal_median[1]) == pytest.approx(np.mean(boundaries), abs=2e-3)
     assert float(curves.lognormal_dispersion[1]) == pytest.approx(np.std(boundaries), abs=2e-3)
-    site = jr.Site(suite, jr.Hazard([2.0, 60.0], [1e-2, 1e-5]), "pga", levels)
+    site = jr.risk.Site(suite, jr.risk.Hazard([2.0, 60.0], [1e-2, 1e-5]), "pga", levels)
     block = jr.Block(*(np.array([number]) for number in SHAPE[:2]))
     inventory = jr.risk.Inventory(["vase"], block, RESTITUTION)
     assessed = jr.risk.assess_inventory(inventory, site, 1e-3)
@@ -366,7 +374,9 @@ def test_a_remark_says_where_exceedance_decreases():
     pulse = jr.Record(np.sin(np.linspace(0, 2 * np.pi, 101)), 0.005)
     block = jr.Block(0.1, 5.0)
     options = {"model": "linearized", "thresholds": ["overturning"]}
-    curves = jr.fragility(block, 0.9, jr.Suite([pulse] * 2), [0.3, 0.8, 1.23, 1.6], **options)
+    curves = jr.risk.fragility(
+        block, 0.9, jr.Suite([pulse] * 2), [0.3, 0.8, 1.23, 1.6], **options
+    )
     np.testing.assert_array_equal(curves.exceedance[:, 0], [0, 1, 0, 1])
     assert str(curves.remark.values[0]).endswith(
         "at 1 level fewer records exceed it than at the next lower level"
@@ -382,17 +392,19 @@ def test_an_integration_that_does_not_finish_is_named(monkeypatch):
         answers = (stopped, np.full(batch.shape, np.nan))
         return eqx.tree_at(lambda answer: (answer.status, answer.margin), response, answers)
 
-    site = jr.Site(scenes.suite(), jr.Hazard([0.1, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9])
+    site = jr.risk.Site(
+        scenes.suite(), jr.risk.Hazard([0.1, 1.0], [1e-2, 1e-4]), levels=[0.2, 0.9]
+    )
     monkeypatch.setattr("jaxrock.overturning.quantities.follow_batch", follow_none)
     message = "^integration did not finish for record 'first'"
     uncertain = jr.Uncertain({"restitution": 0.1}, samples=2)
     with pytest.raises(ValueError, match=message):
-        jr.overturning_rate(jr.Block(0.2, 5.0), 0.8, site, uncertain)
+        jr.risk.overturning_rate(jr.Block(0.2, 5.0), 0.8, site, uncertain)
 
 
 # The block in the example suite.
 SIZE = (0.3, 4.0)
-HAZARD = jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
+HAZARD = jr.risk.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
 ALL_LEVELS = (0.1, 3.0)
 
 
@@ -415,7 +427,7 @@ def test_rate_against_outcomes_at_many_levels():
         some = (
             None if number is None else np.clip(np.geomspace(*ALL_LEVELS, number), *ALL_LEVELS)
         )
-        answer = jr.overturning_rate(block, 0.8, jr.Site(suite, HAZARD, levels=some))
+        answer = jr.risk.overturning_rate(block, 0.8, jr.risk.Site(suite, HAZARD, levels=some))
         assert bool(answer.complete)
         change = abs(float(answer.rate) - by_outcomes)
         assert change < float(answer.not_detected) < by_outcomes / 3, number
@@ -486,8 +498,8 @@ def test_derivatives_of_boundaries_under_records(which):
 def test_equal_samples_detect_no_more_windows():
     """Samples of a record share its windows: the bound is the one without uncertainty."""
     block = jr.Block(*SIZE)
-    site = jr.Site(scenes.suite(), HAZARD, spacing=0.1)
-    certain = jr.overturning_rate(block, 0.8, site)
+    site = jr.risk.Site(scenes.suite(), HAZARD, spacing=0.1)
+    certain = jr.risk.overturning_rate(block, 0.8, site)
     uncertain = jr.Uncertain({"restitution": 0.0}, samples=8)
-    sampled = jr.overturning_rate(block, 0.8, site, uncertain)
+    sampled = jr.risk.overturning_rate(block, 0.8, site, uncertain)
     assert float(sampled.not_detected) == pytest.approx(float(certain.not_detected), rel=1e-9)

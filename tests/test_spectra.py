@@ -127,7 +127,7 @@ BY_AXIS = {  # each function of spectra with a value of each of its axes, and it
         plot_overturning_map,
     ),
     "harmonic": (
-        functools.partial(jr.harmonic_spectrum, cycles=3),
+        functools.partial(jr.spectra.harmonic_spectrum, cycles=3),
         {"frequency_ratio": 3.0, "amplitude_ratio": 1.2},
         plot_harmonic,
     ),
@@ -149,7 +149,7 @@ def test_a_number_is_a_scalar_coordinate(tmp_path, name):
             xarray.testing.assert_identical(function(**given, chunks="auto").compute(), found)
         plot(found)
         plt.close("all")
-    jr.write_table(found, tmp_path / "point.csv")
+    jr.grids.write_table(found, tmp_path / "point.csv")
     lines = (tmp_path / "point.csv").read_text().splitlines()
     rows = [line for line in lines if not line.startswith("#")]
     assert len(rows) == 1 + found.sizes.get("boundary", 1)
@@ -189,14 +189,14 @@ def test_a_point_is_the_same_whatever_is_beside_it(model):
 
 def test_table(tmp_path, monkeypatch):
     spectrum = jr.resonance_spectrum(**GRID)
-    jr.write_table(spectrum, tmp_path / "spectrum.csv")
+    jr.grids.write_table(spectrum, tmp_path / "spectrum.csv")
     with open(tmp_path / "spectrum.csv", newline="", encoding="utf-8") as file:
         lines = file.readlines()
     assert "# gravity: 9.81\n" in lines
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert len(rows) == spectrum.stabilized_period.size
     monkeypatch.setattr(tables, "_LARGEST", 7)  # points of a part
-    jr.write_table(spectrum, tmp_path / "parts.csv")
+    jr.grids.write_table(spectrum, tmp_path / "parts.csv")
     assert (tmp_path / "parts.csv").read_text() == (tmp_path / "spectrum.csv").read_text()
     assert (
         tables.compute_overturned_fraction(spectrum)
@@ -225,7 +225,7 @@ def test_a_path_that_is_a_folder(tmp_path, monkeypatch, store):
     with pytest.raises(ValueError, match=r"store: '\.' is no file"):
         jr.resonance_spectrum(**GRID, store=store)
     with pytest.raises(ValueError, match=r"path: .* is no file"):
-        jr.write_table(jr.resonance_spectrum(**GRID), tmp_path)
+        jr.grids.write_table(jr.resonance_spectrum(**GRID), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

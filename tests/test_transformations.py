@@ -93,11 +93,13 @@ def one_by_one(function):
 
 
 def phase_of(c):
-    return jr.pulsed_phase(jr.Block(0.2, 5.0), c, jr.HalfSine(6.0, 0.02))
+    return jr.steady.pulsed_phase(jr.Block(0.2, 5.0), c, jr.HalfSine(6.0, 0.02))
 
 
 def harmonic(amplitude):
-    return jr.harmonic_orbit(BLOCK, 0.9, amplitude, 4.0, model="linearized").peak_rotation
+    return jr.steady.harmonic_orbit(
+        BLOCK, 0.9, amplitude, 4.0, model="linearized"
+    ).peak_rotation
 
 
 # Values of one quantity, one of which has no answer.
@@ -117,13 +119,13 @@ PARTLY = {
         lambda i: jr.resonance.critical_restitution(BLOCK, i),
         [0.3, 50.0, 0.4],
     ),
-    "hazard": (jr.Hazard([0.1, 1.0], [1e-2, 1e-4]), [0.3, 5.0, 0.7]),
+    "hazard": (jr.risk.Hazard([0.1, 1.0], [1e-2, 1e-4]), [0.3, 5.0, 0.7]),
     "pulsed_phase": (one_by_one(lambda c: phase_of(c).rotation_ratio), [0.5, 0.7, 0.9]),
     "pulsed_phase period": (one_by_one(lambda c: phase_of(c).period), [0.5, 0.7, 0.9]),
     "critical_pulsed_amplitude": (
         one_by_one(
             lambda d: (
-                jr.critical_pulsed_amplitude(
+                jr.steady.critical_pulsed_amplitude(
                     jr.Block(0.49841, 8.1018), 0.6598, jr.HalfSine, d
                 ).amplitude
             )
@@ -157,7 +159,7 @@ def test_what_does_not_exist_has_no_derivative(name):
 PULSE = jr.HalfSine(4.0, 0.4)
 RECORD = jr.Record([0.0, 1.0, -1.0, 0.0], 0.1)
 SUITE = jr.Suite([RECORD])
-SITE = jr.Site(SUITE, jr.Hazard([0.1, 1.0], [1e-2, 1e-4]))
+SITE = jr.risk.Site(SUITE, jr.risk.Hazard([0.1, 1.0], [1e-2, 1e-4]))
 PAGE = Path(__file__).parent.parent / "docs" / "reference" / "index.md"
 
 
@@ -169,7 +171,7 @@ def scene_of(c):
 CALLED_WITH = {
     "Block": lambda c: jr.Block(c, 5.0).height,
     "Scene": lambda c: scene_of(c).restitution,
-    "next_velocity": lambda c: jr.next_velocity(scene_of(c), 0.1),
+    "next_velocity": lambda c: jr.resonance.next_velocity(scene_of(c), 0.1),
     "half_cycle_velocity": lambda c: jr.half_cycle_velocity(scene_of(c), 3),
     "critical_intensity": lambda c: jr.critical_intensity(BLOCK, c),
     "critical_restitution": lambda c: jr.critical_restitution(BLOCK, c),
@@ -178,11 +180,11 @@ CALLED_WITH = {
     "housner_restitution": lambda c: jr.housner_restitution(jr.Block(c, 5.0)),
     "one_sided_restitution": lambda c: jr.one_sided_restitution(jr.Block(c, 5.0)),
     "value_and_slopes": lambda c: jr.value_and_slopes(lambda x: 2 * x)(c)[0],
-    "pulsed_phase": lambda c: jr.pulsed_phase(BLOCK, c, PULSE).rotation_ratio,
+    "pulsed_phase": lambda c: jr.steady.pulsed_phase(BLOCK, c, PULSE).rotation_ratio,
     "critical_pulsed_amplitude": lambda c: (
-        jr.critical_pulsed_amplitude(BLOCK, c, jr.HalfSine, 0.1).amplitude
+        jr.steady.critical_pulsed_amplitude(BLOCK, c, jr.HalfSine, 0.1).amplitude
     ),
-    "harmonic_orbit": lambda c: jr.harmonic_orbit(BLOCK, c, 4.0, 4.0).peak_rotation,
+    "harmonic_orbit": lambda c: jr.steady.harmonic_orbit(BLOCK, c, 4.0, 4.0).peak_rotation,
     "respond": lambda c: jr.respond(BLOCK, c, PULSE).peak_rotation,
     "overturning_boundaries": lambda c: jr.overturning_boundaries(
         BLOCK, c, PULSE, "amplitude", [1.0, 5.0]
@@ -194,25 +196,27 @@ CALLED_WITH = {
     ),
     "respond_within": lambda c: jr.respond_within(BLOCK, c, PULSE, 1e-3).error,
     "worst_train": lambda c: jr.worst_train(BLOCK, c, 3).intensities[0],
-    "choose": lambda c: jr.choose(scene_of(c), 1e-3).index,
+    "choose": lambda c: jr.accuracy.choose(scene_of(c), 1e-3).index,
     "sensitivities": lambda c: jr.sensitivities(jr.rotation_ratio, scene_of(c)).value,
     "tornado": lambda c: (
         jr.tornado(jr.rotation_ratio, scene_of(c), {"restitution": (0.6, 0.8)}).value
     ),
     "resonance_spectrum": lambda c: jr.resonance_spectrum([3.0], [0.4], c, 0.15),
     "rocking_spectrum": lambda c: jr.rocking_spectrum(RECORD, [2.0], [5.0], c),
-    "harmonic_spectrum": lambda c: jr.harmonic_spectrum([3.0], [1.0], restitution=c),
-    "fragility": lambda c: jr.fragility(BLOCK, c, SUITE),
+    "harmonic_spectrum": lambda c: jr.spectra.harmonic_spectrum([3.0], [1.0], restitution=c),
+    "fragility": lambda c: jr.risk.fragility(BLOCK, c, SUITE),
     "overturning_map": lambda c: jr.overturning_map(jr.HalfSine, [2.0], restitution=c),
-    "model_error": lambda c: jr.model_error(scene_of(c)).linearization.rotation_ratio,
+    "model_error": lambda c: jr.accuracy.model_error(scene_of(c)).linearization.rotation_ratio,
     "Hazard": lambda level: SITE.hazard(level),
-    "overturning_rate": lambda c: jr.overturning_rate(BLOCK, c, SITE).rate,
-    "required_value": lambda c: jr.required_value(BLOCK, c, SITE, 1e-3).value,
-    "fit_free_rocking": lambda time: jr.fit_free_rocking(time * jnp.arange(1.0, 4.0), BLOCK),
-    "fit_driven_rocking": lambda time: jr.fit_driven_rocking(
+    "overturning_rate": lambda c: jr.risk.overturning_rate(BLOCK, c, SITE).rate,
+    "required_value": lambda c: jr.risk.required_value(BLOCK, c, SITE, 1e-3).value,
+    "fit_free_rocking": lambda time: jr.calibration.fit_free_rocking(
+        time * jnp.arange(1.0, 4.0), BLOCK
+    ),
+    "fit_driven_rocking": lambda time: jr.calibration.fit_driven_rocking(
         time * jnp.arange(4.0), jnp.zeros(4), BLOCK, PULSE
     ),
-    "fit_outcomes": lambda factor: jr.fit_outcomes(SUITE.scaled(factor), [True]),
+    "fit_outcomes": lambda factor: jr.calibration.fit_outcomes(SUITE.scaled(factor), [True]),
 }
 ROWS = re.findall(r"^\| (`.+) \| (\w+) \| (\w+) \| (\w+) \|$", PAGE.read_text(), re.MULTILINE)
 STATED = {name: marks for names, *marks in ROWS for name in re.findall(r"`(\w+)`", names)}

@@ -167,8 +167,8 @@ def test_the_rate_of_perfectly_correlated_parameters():
     uncertain = jr.Uncertain(
         coefficients, correlations={("half_width", "slenderness"): 1.0}, samples=8
     )
-    site = jr.Site(pulses(400), hazard, levels=np.geomspace(0.9, 6.0, 12))
-    answer = jr.overturning_rate(BLOCK, 0.85, site, uncertain, model="linearized")
+    site = jr.risk.Site(pulses(400), hazard, levels=np.geomspace(0.9, 6.0, 12))
+    answer = jr.risk.overturning_rate(BLOCK, 0.85, site, uncertain, model="linearized")
     z = draw_normal_numbers(2, 8, 0)[:, 0]
     half_widths = 0.25 * np.exp(log_width(0.1) * z)
     slendernesses = 4.0 * np.exp(log_width(0.05) * z)
@@ -197,7 +197,7 @@ def test_a_dataset_lists_correlations():
         correlations={("restitution", ANGLE): 0.4},
         samples=2,
     )
-    curves = jr.fragility(
+    curves = jr.risk.fragility(
         BLOCK, 0.85, pulses(50)[:1], [1.0, 2.0], uncertain=uncertain, model="linearized"
     )
     assert curves.attrs["uncertain"] == str(uncertain)

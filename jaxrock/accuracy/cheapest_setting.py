@@ -127,7 +127,7 @@ def choose(
     >>> import jax
     >>> import jaxrock as jr
     >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
-    >>> print(jr.choose(wall, 0.01).setting)
+    >>> print(jr.accuracy.choose(wall, 0.01).setting)
     linearized in float32
     """
     check_concrete((scene, tolerance, shape, duration), "the choice depends on the answers")

@@ -207,7 +207,7 @@ def model_error(
     --------
     >>> import jaxrock as jr
     >>> wall = jr.Scene(jr.Block(half_width=0.4, slenderness=5.0), 0.7, 0.15)
-    >>> error = jr.model_error(wall)
+    >>> error = jr.accuracy.model_error(wall)
     >>> print(f"{100 * error.linearization.rotation_ratio:.2f} %")
     -0.61 %
     """

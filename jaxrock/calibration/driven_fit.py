@@ -169,7 +169,7 @@ def fit_driven_rocking(  # noqa: PLR0913
     >>> block, pulse = jr.Block(0.2, 5.0), jr.Sine(amplitude=2.5, duration=0.8)
     >>> time = np.linspace(0, 4, 201)
     >>> rotation, _ = jr.respond(block, 0.85, pulse, 4.0).history(time)
-    >>> fit = jr.fit_driven_rocking(time, rotation, block, pulse)
+    >>> fit = jr.calibration.fit_driven_rocking(time, rotation, block, pulse)
     >>> print(f"{fit.restitution:.4f}", f"up to {fit.used_until} s")
     0.8500 up to 4.0 s
     """

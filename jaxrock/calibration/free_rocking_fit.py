@@ -123,7 +123,7 @@ def fit_free_rocking(
     --------
     >>> import jaxrock as jr
     >>> times = [0.0, 0.777, 1.372, 1.861, 2.276, 2.635, 2.948, 3.223, 3.466, 3.683, 3.875, 4.047]
-    >>> fit = jr.fit_free_rocking(times, jr.Block(half_width=0.1, slenderness=5.0))
+    >>> fit = jr.calibration.fit_free_rocking(times, jr.Block(half_width=0.1, slenderness=5.0))
     >>> print(f"{fit.restitution:.5f} +- {fit.standard_errors['restitution']:.5f}")
     0.89998 +- 0.00002
     """

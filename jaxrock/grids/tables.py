@@ -39,7 +39,7 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     >>> spectrum = jr.resonance_spectrum([3.0, 10.0], [0.4, 1.2], 0.6, 0.15)
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder) / "spectrum.csv"
-    ...     jr.write_table(spectrum[["rotation_ratio"]], path)
+    ...     jr.grids.write_table(spectrum[["rotation_ratio"]], path)
     ...     print(path.read_text().splitlines()[6])
     slenderness [-],width [m],rotation_ratio [-],restitution [-],intensity [m/s]
     """

@@ -36,7 +36,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     dataset : xarray.Dataset
-        Of `jaxrock.fragility`, for one object.
+        Of `jaxrock.risk.fragility`, for one object.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
 

@@ -135,10 +135,10 @@ def assess(
     --------
     >>> import jaxrock as jr
     >>> block = jr.Block(half_width=0.4, slenderness=5.0)
-    >>> answers = jr.assess(block, 0.7)
+    >>> answers = jr.reports.assess(block, 0.7)
     >>> print(f"{answers['models']['nonlinear']['critical_intensity']['1']:.2f} m/s")
     1.04 m/s
-    >>> answers = jr.assess(block, 0.7, intensity=0.15)
+    >>> answers = jr.reports.assess(block, 0.7, intensity=0.15)
     >>> print(f"{answers['models']['nonlinear']['stabilized']['period']:.3f} s")
     1.111 s
     """

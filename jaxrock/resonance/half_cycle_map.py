@@ -68,7 +68,8 @@ def next_velocity(scene: Scene, velocity: Number) -> Reals:
     Examples
     --------
     >>> import jaxrock as jr
-    >>> print(f"{jr.next_velocity(jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15), 0.1):.4f} rad/s")
+    >>> scene = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
+    >>> print(f"{jr.resonance.next_velocity(scene, 0.1):.4f} rad/s")
     0.1241 rad/s
     """
     after = velocity_after_impact(scene.restitution, jnp.asarray(velocity))

@@ -120,7 +120,7 @@ def fragility(
     --------
     >>> import jaxrock as jr
     >>> suite = jr.Suite([jr.Record([0.0, a, a, -a, -a, 0.0], 0.1) for a in (2.0, 3.0)])
-    >>> curves = jr.fragility(jr.Block(0.1, 5.0), 0.8, suite, [0.2, 0.8])
+    >>> curves = jr.risk.fragility(jr.Block(0.1, 5.0), 0.8, suite, [0.2, 0.8])
     >>> print(curves.exceedance.sel(threshold="overturning").values)
     [0. 1.]
     """

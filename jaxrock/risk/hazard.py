@@ -73,7 +73,7 @@ class Hazard(Printed, Checked):
     Examples
     --------
     >>> import jaxrock as jr
-    >>> hazard = jr.Hazard(levels=[0.1, 1.0], rates=[1e-2, 1e-4])
+    >>> hazard = jr.risk.Hazard(levels=[0.1, 1.0], rates=[1e-2, 1e-4])
     >>> print(f"{hazard(0.3162):.5f} 1/yr")
     0.00100 1/yr
     """

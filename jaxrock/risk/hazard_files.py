@@ -97,7 +97,7 @@ def read_hazard(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     path = pathlib.Path(folder) / "hazard.csv"
     ...     _ = path.write_text("PGA [g],return period [yr]\n0.1,100\n1,10000\n")
-    ...     print(jr.read_hazard(path))
+    ...     print(jr.risk.read_hazard(path))
     hazard of pga from 0.01 1/yr at 0.1 g to 0.0001 1/yr at 1 g
     """
     measure = as_hazard_measure(measure)

@@ -122,7 +122,7 @@ def assess_inventory(
     >>> import jax.numpy as jnp
     >>> import jaxrock as jr
     >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
-    >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
+    >>> site = jr.risk.Site(suite, jr.risk.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
     >>> block = jr.Block.from_size(width=jnp.array([0.4, 0.2]), height=1.0)
     >>> objects = jr.risk.Inventory(["bust", "vase"], block, restitution=0.8)
     >>> answer = jr.risk.assess_inventory(objects, site, target=1e-3)

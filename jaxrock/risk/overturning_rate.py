@@ -191,8 +191,8 @@ def overturning_rate(
     --------
     >>> import jaxrock as jr
     >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
-    >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
-    >>> answer = jr.overturning_rate(jr.Block(0.1, 5.0), 0.8, site)
+    >>> site = jr.risk.Site(suite, jr.risk.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
+    >>> answer = jr.risk.overturning_rate(jr.Block(0.1, 5.0), 0.8, site)
     >>> print(f"{answer.rate:.5f} 1/yr")
     0.00552 1/yr
     """

@@ -101,7 +101,7 @@ def rate_elasticities(
     --------
     >>> import jaxrock as jr
     >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
-    >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
+    >>> site = jr.risk.Site(suite, jr.risk.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
     >>> answer = jr.risk.rate_elasticities(jr.Block(0.1, 5.0), 0.8, site)
     >>> print(answer.names[4], f"{answer.elasticity[4]:.2f}")
     restitution 2.30

@@ -165,9 +165,9 @@ def required_value(
     --------
     >>> import jaxrock as jr
     >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
-    >>> site = jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
+    >>> site = jr.risk.Site(suite, jr.risk.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4]))
     >>> cabinet = jr.Block.from_size(width=0.2, height=1.0)
-    >>> print(jr.required_value(cabinet, 0.8, site, 1e-3, "width", (0.2, 1.0)))
+    >>> print(jr.risk.required_value(cabinet, 0.8, site, 1e-3, "width", (0.2, 1.0)))
     0.446391 m, width at this height: from there on the rate stays below 0.001 1/yr
     """
     along = as_name("along", along, _NAMES)

@@ -60,7 +60,7 @@ class Site(Printed, eqx.Module):
     --------
     >>> import jaxrock as jr
     >>> suite = jr.Suite([jr.Record([0.0, 4.0, 4.0, -4.0, -4.0, 0.0], time_step=0.1)])
-    >>> print(jr.Site(suite, jr.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4])))
+    >>> print(jr.risk.Site(suite, jr.risk.Hazard(levels=[0.4, 4.0], rates=[1e-2, 1e-4])))
     suite of 1 record of 6 samples, 0.1 s apart
     hazard from 0.01 1/yr at 0.4 to 0.0001 1/yr at 4
     232 levels of pgv from 0.4 to 4 m/s

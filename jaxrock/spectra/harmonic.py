@@ -124,7 +124,7 @@ def harmonic_spectrum(
     Examples
     --------
     >>> import jaxrock as jr
-    >>> found = jr.harmonic_spectrum([2.0, 4.0], [0.01, 1.5, 8.0], cycles=20)
+    >>> found = jr.spectra.harmonic_spectrum([2.0, 4.0], [0.01, 1.5, 8.0], cycles=20)
     >>> print(found.region.values.tolist())
     [[0, 1, 3], [0, 1, 1]]
     """

@@ -134,7 +134,7 @@ def harmonic_orbit(
     --------
     >>> import jaxrock as jr
     >>> block = jr.Block(half_width=0.2, slenderness=5.0)
-    >>> orbit = jr.harmonic_orbit(block, 0.9, amplitude=1.5, frequency=12.0)
+    >>> orbit = jr.steady.harmonic_orbit(block, 0.9, amplitude=1.5, frequency=12.0)
     >>> print(f"{orbit.rotation_ratio:.3f}", bool(orbit.stable), bool(orbit.below_uplift))
     0.094 True True
     """

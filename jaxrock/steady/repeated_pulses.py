@@ -128,7 +128,7 @@ def pulsed_phase(
     Bounces that die out from rest, and the orbit of a block that moves already:
 
     >>> import jaxrock as jr
-    >>> phase = jr.pulsed_phase(jr.Block(0.434, 8.61), 0.9115, jr.HalfSine(1.301, 0.0606))
+    >>> phase = jr.steady.pulsed_phase(jr.Block(0.434, 8.61), 0.9115, jr.HalfSine(1.301, 0.0606))
     >>> print(f"{phase.rotation_ratio:.3f}", bool(phase.from_rest), bool(phase.settles))
     0.241 False False
     """

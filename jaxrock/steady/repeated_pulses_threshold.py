@@ -113,7 +113,7 @@ def critical_pulsed_amplitude(
     --------
     >>> import jaxrock as jr
     >>> block = jr.Block(half_width=0.1, slenderness=5.0)
-    >>> found = jr.critical_pulsed_amplitude(block, 0.9, jr.HalfSine, 0.1)
+    >>> found = jr.steady.critical_pulsed_amplitude(block, 0.9, jr.HalfSine, 0.1)
     >>> print(f"{found.amplitude:.3f} m/s2, intensity {found.intensity:.3f} m/s")
     0.976 m/s2, intensity 0.062 m/s
     """

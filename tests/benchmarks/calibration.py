@@ -43,27 +43,35 @@ def main():
 
     def many(**options):
         return [
-            jr.fit_free_rocking(t, BLOCK, repair=False, **options).restitution for t in tests
+            jr.calibration.fit_free_rocking(t, BLOCK, repair=False, **options).restitution
+            for t in tests
         ]
 
     show("1,000 fits, p known", many, 1)
     show("1,000 fits, p fitted", lambda: many(frequency_known=False), 1)
-    show("one fit, repairs sought", lambda: jr.fit_free_rocking(tests[0], BLOCK))
-    show("another, of fewer impacts", lambda: jr.fit_free_rocking(tests[1][:7], BLOCK))
+    show("one fit, repairs sought", lambda: jr.calibration.fit_free_rocking(tests[0], BLOCK))
+    show(
+        "another, of fewer impacts",
+        lambda: jr.calibration.fit_free_rocking(tests[1][:7], BLOCK),
+    )
     pulse = jr.Sine(2.5, 0.8)
     samples = np.linspace(0, 4, 201)
     rotation, _ = jr.respond(jr.Block(0.2, 5.0), 0.85, pulse, 4.0).history(samples)
     test = samples, rotation, jr.Block(0.2, 5.0), pulse
-    show("a test on a shaking table, pulse", lambda: jr.fit_driven_rocking(*test))
+    show("a test on a shaking table, pulse", lambda: jr.calibration.fit_driven_rocking(*test))
     amplitudes = np.linspace(1.0, 10.0, 10_000)
     for model in (jr.Linearized(), jr.Nonlinear()):
         show(
             f"10,000 steady orbits, {model.name}",
-            lambda model=model: jr.harmonic_orbit(BLOCK, 0.9, amplitudes, 20.0, model=model),
+            lambda model=model: jr.steady.harmonic_orbit(
+                BLOCK, 0.9, amplitudes, 20.0, model=model
+            ),
         )
     grid = np.linspace(1, 12, 100), np.geomspace(0.05, 12, 100)
     show(
-        "spectrum of 10,000 points, 100 periods", lambda: jr.harmonic_spectrum(*grid).region, 2
+        "spectrum of 10,000 points, 100 periods",
+        lambda: jr.spectra.harmonic_spectrum(*grid).region,
+        2,
     )
 
 

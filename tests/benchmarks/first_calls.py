@@ -176,7 +176,7 @@ def fragility():
     import jaxrock as jr
 
     levels = jnp.geomspace(0.1, 3.0, 20)
-    return lambda: jr.fragility(*statue(), levels)
+    return lambda: jr.risk.fragility(*statue(), levels)
 
 
 def rate(moving=False):
@@ -184,12 +184,12 @@ def rate(moving=False):
 
     import jaxrock as jr
 
-    hazard = jr.Hazard(levels=[0.1, 0.3, 1.0, 3.0], rates=[2e-2, 2e-3, 1e-4, 4e-6])
+    hazard = jr.risk.Hazard(levels=[0.1, 0.3, 1.0, 3.0], rates=[2e-2, 2e-3, 1e-4, 4e-6])
     block, c, suite = statue()
-    site = jr.Site(suite, hazard)
+    site = jr.risk.Site(suite, hazard)
 
     def at(block, c):
-        return jr.overturning_rate(block, c, site).rate
+        return jr.risk.overturning_rate(block, c, site).rate
 
     return lambda: jax.value_and_grad(at, (0, 1))(block, c) if moving else at(block, c)
 
@@ -199,7 +199,9 @@ def fit():
 
     times = [0.788, 1.483, 1.999, 2.411, 2.755, 3.040, 3.288, 3.502]
     slim = jr.Block(half_width=0.1, slenderness=5.0)
-    return lambda: jr.fit_free_rocking(times, slim, model=jr.Nonlinear()).restitution
+    return lambda: (
+        jr.calibration.fit_free_rocking(times, slim, model=jr.Nonlinear()).restitution
+    )
 
 
 MEASUREMENT = """
@@ -222,13 +224,15 @@ def driven_fit():
     time = np.linspace(0, 4, 101)
     # By another process, so that nothing is compiled in this one.
     rotation = json.loads(run(["-c", MEASUREMENT])[0])
-    return lambda: jr.fit_driven_rocking(time, rotation, block, pulse).restitution
+    return lambda: jr.calibration.fit_driven_rocking(time, rotation, block, pulse).restitution
 
 
 def floor():
     import jaxrock as jr
 
-    return lambda: jr.harmonic_orbit(jr.Block(0.2, 5.0), 0.9, amplitude=1.5, frequency=12.0)
+    return lambda: jr.steady.harmonic_orbit(
+        jr.Block(0.2, 5.0), 0.9, amplitude=1.5, frequency=12.0
+    )
 
 
 class Case(NamedTuple):

@@ -246,7 +246,7 @@ def compare_hazard(path, prefix):
     for place, levels, rates in [*parse_sites(path, prefix)][:3]:
         try:
             options = {} if prefix else {"measure": "pga", "unit": "g"}
-            hazard = jr.read_hazard(path, site=place, **options)
+            hazard = jr.risk.read_hazard(path, site=place, **options)
         except ValueError as error:
             right = not levels.any() or not (rates > 0).sum() > 1
             return ("refused, no hazard of pga or pgv" if right else "refused"), str(error)

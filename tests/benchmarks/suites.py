@@ -62,21 +62,21 @@ def main():
     block = jr.Block.from_size(width=0.6, height=2.4)
     suite = jr.example_suite()
     levels = jnp.geomspace(0.1, 3.0, 1000)
-    hazard = jr.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
-    site = jr.Site(suite, hazard)
+    hazard = jr.risk.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
+    site = jr.risk.Site(suite, hazard)
     scaled = suite.scaled(suite.factors(levels, "pgv"))
     show("20 records x 1,000 levels", lambda: jr.respond_batch(block, 0.8, scaled), 5)
     twice = jr.Suite([*scaled, *scaled])
     show("40 records x 1,000 levels", lambda: jr.respond_batch(block, 0.8, twice), 2)
     show(
         "fragility, 25 levels",
-        lambda: jr.fragility(block, 0.8, suite, levels[::40]).level.data,
+        lambda: jr.risk.fragility(block, 0.8, suite, levels[::40]).level.data,
         3,
     )
-    show("overturning_rate", lambda: jr.overturning_rate(block, 0.8, site).rate, 1)
+    show("overturning_rate", lambda: jr.risk.overturning_rate(block, 0.8, site).rate, 1)
     show(
         "its derivatives",
-        lambda: jax.grad(lambda b: jr.overturning_rate(b, 0.8, site).rate)(block),
+        lambda: jax.grad(lambda b: jr.risk.overturning_rate(b, 0.8, site).rate)(block),
         1,
     )
     # Bars: the first call below 30 s with all imports, the next below 5 s.
@@ -90,7 +90,7 @@ def main():
     many = make_objects(200)
     show(
         "200 objects x 342 levels",
-        lambda: jr.overturning_rate(many.block, many.restitution, site).rate,
+        lambda: jr.risk.overturning_rate(many.block, many.restitution, site).rate,
         1,
     )
 

@@ -72,7 +72,7 @@ READ = [
 
 @pytest.mark.parametrize(("content", "options", "factor", "curve", "words"), READ)
 def test_what_is_read(write, content, options, factor, curve, words):
-    hazard = jr.read_hazard(write(content, "SA0P2-std.csv"), **options)
+    hazard = jr.risk.read_hazard(write(content, "SA0P2-std.csv"), **options)
     np.testing.assert_allclose(hazard.levels, factor * np.array(curve[0]), rtol=1e-12)
     np.testing.assert_allclose(hazard.rates, curve[1], rtol=1e-12)
     assert str(hazard).startswith(f"{words} from")
@@ -116,11 +116,11 @@ REFUSED = [
 
 @pytest.mark.parametrize(("content", "options", "message"), REFUSED)
 def test_what_is_refused(write, content, options, message):
-    check_refusal(write(content), message, jr.read_hazard, **options)
+    check_refusal(write(content), message, jr.risk.read_hazard, **options)
 
 
 def test_arguments_that_are_refused(write):
     path = write(f"{HEAD}\n1,.1\n2,0\n")
     for name, value in (("measure", "pgv_ratio"), ("unit", "knots"), ("unit", "m")):
         with pytest.raises(ValueError, match=f"^{name} must be one .* got '{value}'"):
-            jr.read_hazard(path, **{name: value})
+            jr.risk.read_hazard(path, **{name: value})

@@ -205,9 +205,9 @@ TIMES = "# a\nimpact,time [s],peak rotation [deg]\n1,.5,10.5\n2,0.9,\n3,1.25,-5.
 # Tables, how they are read, and what is compared.
 TABLES = {
     "samples": (HEADS + ROWS, partial(jr.read_record, vertical="up"), compare_samples),
-    "rates": (RATES, jr.read_hazard, compare_levels),
-    "periods": (PERIODS, jr.read_hazard, compare_levels),
-    "chances": (CHANCES, jr.read_hazard, compare_levels),
+    "rates": (RATES, jr.risk.read_hazard, compare_levels),
+    "periods": (PERIODS, jr.risk.read_hazard, compare_levels),
+    "chances": (CHANCES, jr.risk.read_hazard, compare_levels),
     "objects": (OBJECTS, read_inventory, compare_objects),
     "tests": (TESTS, read_tests, compare_tests),
     "times": (TIMES, read_impact_times, compare_times),
@@ -217,9 +217,13 @@ TABLES |= {
     f"{name}; semicolons": (re.sub(r"\.(?=\d)", ",", content.replace(",", ";")), *others)
     for name, (content, *others) in TABLES.items()
 }
-read_nshmp = partial(jr.read_hazard, measure="pga", unit="g")
+read_nshmp = partial(jr.risk.read_hazard, measure="pga", unit="g")
 for sign in ",;":
-    TABLES[f"OpenQuake{sign}"] = OPENQUAKE.replace(",", sign), jr.read_hazard, compare_sites
+    TABLES[f"OpenQuake{sign}"] = (
+        OPENQUAKE.replace(",", sign),
+        jr.risk.read_hazard,
+        compare_sites,
+    )
     TABLES[f"nshmp-haz{sign}"] = NSHMP.replace(",", sign), read_nshmp, compare_sites
 KINDS = {name: ("a.csv", *table) for name, table in TABLES.items()}
 for name, sample in NETWORKS.items():

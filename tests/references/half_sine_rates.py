@@ -24,7 +24,7 @@ def pulses(samples):
 
 # Log-log linear, a power is the curve between two points.
 _ENDS = np.array([1e-3, 1e5])
-hazard = jr.Hazard(_ENDS, OFTEN * _ENDS**-POWER)
+hazard = jr.risk.Hazard(_ENDS, OFTEN * _ENDS**-POWER)
 
 
 def verge(measure, duration, half_width, slenderness, inertia_ratio):

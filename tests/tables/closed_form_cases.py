@@ -221,7 +221,7 @@ def _cases():  # noqa: C901
     )
     yield Case(
         "next_velocity",
-        lambda *a: jr.next_velocity(scene(*a), a[0]),
+        lambda *a: jr.resonance.next_velocity(scene(*a), a[0]),
         lambda b, s, g, c, i: c * b + closed_forms.launch_velocity(b, s, g, i),
         scenes_anywhere,
     )

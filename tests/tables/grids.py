@@ -48,7 +48,9 @@ GRIDS = {
         {"frequency_ratio": 2},
     ),
     "harmonic": (
-        lambda **chunks: jr.harmonic_spectrum([3.0, 6.0, 9.0], [0.1, 1.2], cycles=3, **chunks),
+        lambda **chunks: jr.spectra.harmonic_spectrum(
+            [3.0, 6.0, 9.0], [0.1, 1.2], cycles=3, **chunks
+        ),
         {"frequency_ratio": 2},
     ),
 }

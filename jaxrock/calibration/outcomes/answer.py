@@ -302,7 +302,7 @@ def fit_outcomes(  # noqa: PLR0913
     >>> suite = jr.example_suite().scaled(np.linspace(0.5, 2.0, 20))
     >>> block, restitution = jr.Block(0.1, 6.0), 0.9
     >>> overturned = jr.respond_batch(block, restitution, suite).overturned
-    >>> fit = jr.fit_outcomes(suite, overturned, prior=block, samples=256)
+    >>> fit = jr.calibration.fit_outcomes(suite, overturned, prior=block, samples=256)
     >>> print(fit.tests, fit.undecided)
     20 ('critical_angle', 'frequency_parameter')
     """

@@ -31,7 +31,7 @@ def measure_impacts(count=13):
 def fit_free_rocking():
     """Where a sum of squares is least is known to half of the digits of the sum."""
     times, _ = measure_impacts()
-    fit = jr.fit_free_rocking(times, BLOCK, model="linearized")
+    fit = jr.calibration.fit_free_rocking(times, BLOCK, model="linearized")
     yield from list_fields(fit, OF_FREE_FIT)
 
 
@@ -47,7 +47,7 @@ def fit_free_rocking_otherwise():
         "missing_impact": (np.delete(times, [5]), BLOCK, linear),
     }
     fits = [
-        jr.fit_free_rocking(measured, block, **options)
+        jr.calibration.fit_free_rocking(measured, block, **options)
         for measured, block, options in cases.values()
     ]
     names = "restitution frequency_parameter critical_angle launch_ratio degrees_of_freedom"
@@ -73,7 +73,7 @@ def fit_driven_rocking():
         "slenderness": ("restitution", "slenderness"),
     }
     for name, parameters in cases.items():
-        fit = jr.fit_driven_rocking(
+        fit = jr.calibration.fit_driven_rocking(
             time, rotation + noise, jr.Block(0.2, 5.05), pulse, parameters=parameters
         )
         yield f"{name}/values", list(fit.values.values())
@@ -108,9 +108,9 @@ def fit_populations():
     suite, overturned, groups = make_tests()
     yield "overturned", overturned
     prior = {"critical_angle": (0.2, 0.1), "restitution": (0.8, 0.05)}
-    fit = jr.fit_outcomes(suite, overturned, prior=prior, samples=512, seed=1)
+    fit = jr.calibration.fit_outcomes(suite, overturned, prior=prior, samples=512, seed=1)
     yield from list_fit(fit, suite, "prior/")
-    fit = jr.fit_outcomes(suite, overturned, samples=512, seed=1, groups=groups)
+    fit = jr.calibration.fit_outcomes(suite, overturned, samples=512, seed=1, groups=groups)
     yield from list_fit(fit, suite, "grouped/")
 
 

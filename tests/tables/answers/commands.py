@@ -128,7 +128,9 @@ def answer_of_fits():
 @group("reports/assess", 1e-10)
 def assess():
     for model, restitution in (("settles", 0.7), ("overturns", 0.95)):
-        yield from list_json(jr.assess(jr.Block(0.4, 5.0), restitution, 0.15), f"{model}")
+        yield from list_json(
+            jr.reports.assess(jr.Block(0.4, 5.0), restitution, 0.15), f"{model}"
+        )
 
 
 @group("reports/paper", 1e-9)

@@ -94,7 +94,7 @@ def answer_of_blocks():
 def answer_of_velocities():
     scene = usual_scenes()
     yield "launch_velocity", jr.launch_velocity(scene)
-    yield "next_velocity", jr.next_velocity(scene, 0.2)
+    yield "next_velocity", jr.resonance.next_velocity(scene, 0.2)
     yield "half_cycle_velocity", jr.half_cycle_velocity(scene, 4.0)
     yield "stabilized_velocity", jr.stabilized_velocity(scene)
     velocity = 0.4 * scene.block.critical_angle * scene.block.frequency_parameter

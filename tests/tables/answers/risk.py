@@ -12,7 +12,7 @@ from .table import group, list_fields, list_variables, stack_fields
 OF_RATE = "rate contributions standard_error not_detected complete overturns_first"
 OF_NEED = "value rate crossings count"
 BLOCK = jr.Block(0.25, 5.0)
-CURVE = jr.Hazard([0.1, 0.4, 1.0, 4.0], [1e-2, 1e-3, 1e-4, 1e-6], "pgv")
+CURVE = jr.risk.Hazard([0.1, 0.4, 1.0, 4.0], [1e-2, 1e-3, 1e-4, 1e-6], "pgv")
 
 
 def make_pulses():
@@ -23,37 +23,39 @@ def make_pulses():
 
 def make_site(motions=None, count=16, **options):
     levels = np.geomspace(0.2, 3.0, count)
-    return jr.Site(motions or make_pulses(), CURVE, levels=levels, **options)
+    return jr.risk.Site(motions or make_pulses(), CURVE, levels=levels, **options)
 
 
 @group("risk/rate", 1e-6, by_default=True)
 def compute_rates():
     blocks = jr.Block(np.array([0.15, 0.25, 0.4]), np.array([6.0, 5.0, 4.0]))
     site = make_site()
-    yield from list_fields(jr.overturning_rate(blocks, 0.8, site), OF_RATE)
+    yield from list_fields(jr.risk.overturning_rate(blocks, 0.8, site), OF_RATE)
     yield from list_fields(site, "rates intensities", "site/")
 
 
 @group("risk/rate_otherwise", 1e-6)
 def compute_rates_otherwise():
     site = make_site()
-    linearized = jr.overturning_rate(BLOCK, 0.8, site, model="linearized")
+    linearized = jr.risk.overturning_rate(BLOCK, 0.8, site, model="linearized")
     yield from list_fields(linearized, OF_RATE, "linearized/")
     uncertain = jr.Uncertain({"restitution": 0.05, "width": 0.1}, samples=8, seed=1)
-    found = jr.overturning_rate(BLOCK, 0.8, site, uncertain)
+    found = jr.risk.overturning_rate(BLOCK, 0.8, site, uncertain)
     yield from list_fields(found, f"{OF_RATE} sample_rates", "uncertain/")
     walls = jr.Block(0.25, 5.0, one_sided=True)
     both = make_site(make_pulses().both_directions())
-    found = jr.overturning_rate(walls, -0.6, both)
+    found = jr.risk.overturning_rate(walls, -0.6, both)
     yield from list_fields(found, OF_RATE, "one_sided/")
     floors = make_site(make_pulses().on_floor(0.4, 0.05, 1.2))
-    yield from list_fields(jr.overturning_rate(BLOCK, 0.8, floors), OF_RATE, "floor/")
+    yield from list_fields(jr.risk.overturning_rate(BLOCK, 0.8, floors), OF_RATE, "floor/")
     noise = make_site(suite())
-    found = jr.overturning_rate(jr.Block(0.15, 4.0), 0.6, noise)
+    found = jr.risk.overturning_rate(jr.Block(0.15, 4.0), 0.6, noise)
     yield from list_fields(found, "rate standard_error overturns_first", "noise/")
     levels = np.geomspace(1.0, 20.0, 16)
-    by_pga = jr.Site(make_pulses(), jr.Hazard(levels, 1e-3 / levels**2), "pga", levels)
-    found = jr.overturning_rate(BLOCK, 0.8, by_pga)
+    by_pga = jr.risk.Site(
+        make_pulses(), jr.risk.Hazard(levels, 1e-3 / levels**2), "pga", levels
+    )
+    found = jr.risk.overturning_rate(BLOCK, 0.8, by_pga)
     yield from list_fields(found, OF_RATE, "pga/")
 
 
@@ -62,7 +64,7 @@ def differentiate_rates():
     site = make_site()
 
     def rate(half_width, slenderness, c):
-        return jr.overturning_rate(jr.Block(half_width, slenderness), c, site).rate
+        return jr.risk.overturning_rate(jr.Block(half_width, slenderness), c, site).rate
 
     yield "rate", jax.grad(rate, (0, 1, 2))(0.25, 5.0, 0.8)
     for by in ("shape", "sides", "dynamics"):
@@ -84,11 +86,11 @@ def search_required_values():
     }
     answers = []
     for along, bounds in cases.items():
-        answers.append(jr.required_value(BLOCK, 0.8, site, 1e-4, along, bounds))
+        answers.append(jr.risk.required_value(BLOCK, 0.8, site, 1e-4, along, bounds))
     yield from stack_fields(answers, OF_NEED)
 
     def width(target):
-        return jr.required_value(BLOCK, 0.8, site, target, "width", (0.3, 1.2)).value
+        return jr.risk.required_value(BLOCK, 0.8, site, target, "width", (0.3, 1.2)).value
 
     yield "derivative", jax.grad(width)(1e-4), 1e-5
 
@@ -96,7 +98,7 @@ def search_required_values():
 @group("risk/fragility", 1e-6, by_default=True)
 def compute_fragility():
     levels = np.geomspace(0.2, 3.0, 6)
-    curves = jr.fragility(BLOCK, 0.8, make_pulses(), levels)
+    curves = jr.risk.fragility(BLOCK, 0.8, make_pulses(), levels)
     yield from list_variables(curves)
 
 
@@ -104,11 +106,11 @@ def compute_fragility():
 def compute_fragility_otherwise():
     levels = np.geomspace(0.2, 3.0, 6)
     uncertain = jr.Uncertain({"restitution": 0.05, "width": 0.1}, samples=8, seed=1)
-    curves = jr.fragility(BLOCK, 0.8, make_pulses(), levels, uncertain=uncertain)
+    curves = jr.risk.fragility(BLOCK, 0.8, make_pulses(), levels, uncertain=uncertain)
     yield from list_variables(curves, "uncertain/")
     blocks = jr.Block(np.array([0.1, 0.2]), 6.0)
     options = {"measure": "pga", "thresholds": (0.3, "overturning")}
-    curves = jr.fragility(blocks, 0.7, suite(), np.geomspace(2.0, 20.0, 6), **options)
+    curves = jr.risk.fragility(blocks, 0.7, suite(), np.geomspace(2.0, 20.0, 6), **options)
     yield from list_variables(curves, "pga/")
 
 
@@ -138,7 +140,7 @@ def assess_example():
     Only three records, of which the boundaries above the first ones are chaotic.
     """
     inventory, hazard = read_example_inventory()
-    site = jr.Site(jr.example_suite()[:3], hazard, spacing=0.1)
+    site = jr.risk.Site(jr.example_suite()[:3], hazard, spacing=0.1)
     table = assess_inventory(inventory, site, 1e-4)
     yield "order", table["object"].values
     for name in ("restitution", "uplift_intensity", "median", "rate"):

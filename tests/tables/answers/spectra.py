@@ -50,7 +50,9 @@ def map_overturning():
 @group("spectra/harmonic", 1e-8)
 def compute_harmonic():
     ratios = ([2.0, 4.0, 7.0], [0.1, 0.9, 1.5, 4.0])
-    found = jr.harmonic_spectrum(*ratios, slenderness=4.0, restitution=0.85, cycles=10)
+    found = jr.spectra.harmonic_spectrum(*ratios, slenderness=4.0, restitution=0.85, cycles=10)
     yield from list_variables(found, "nonlinear/")
-    found = jr.harmonic_spectrum(*ratios, restitution=0.85, cycles=10, model="linearized")
+    found = jr.spectra.harmonic_spectrum(
+        *ratios, restitution=0.85, cycles=10, model="linearized"
+    )
     yield from list_variables(found, "linearized/")

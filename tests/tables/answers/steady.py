@@ -30,7 +30,7 @@ def make_floors():
 @group("steady/orbit_linearized", 1e-10, by_default=True)
 def find_linearized_orbits():
     block, c, amplitude, frequency = make_floors()
-    found = jr.harmonic_orbit(block, c, amplitude, frequency, model="linearized")
+    found = jr.steady.harmonic_orbit(block, c, amplitude, frequency, model="linearized")
     yield from list_fields(found, OF_ORBIT)
     for name in ("least_harmonic_amplitude", "symmetry_breaking_amplitude"):
         yield name, getattr(jr.steady, name)(block, c, frequency)
@@ -38,7 +38,7 @@ def find_linearized_orbits():
 
 @group("steady/orbit_nonlinear", 1e-9)
 def find_nonlinear_orbits():
-    found = jr.harmonic_orbit(*make_floors())
+    found = jr.steady.harmonic_orbit(*make_floors())
     yield from list_fields(found, OF_ORBIT)
 
 
@@ -46,7 +46,7 @@ def find_nonlinear_orbits():
 def differentiate_orbits():
     def launch(at):
         block = jr.Block(at[0], at[1])
-        return jr.harmonic_orbit(block, at[2], at[3], at[4]).rotation_ratio
+        return jr.steady.harmonic_orbit(block, at[2], at[3], at[4]).rotation_ratio
 
     yield "rotation_ratio", jax.jacfwd(launch)(jnp.array([0.2, 5.0, 0.9, 3.0, 15.0]))
 
@@ -64,14 +64,14 @@ def settle_under_pulses():
         for half_width, slenderness, c, duration in make_blocks():
             block = jr.Block(half_width, slenderness)
             pulse = shape(0.15 / (shape.area * duration), duration)
-            phases.append(jr.pulsed_phase(block, c, pulse))
+            phases.append(jr.steady.pulsed_phase(block, c, pulse))
         yield from stack_fields(phases, OF_PHASE, f"{shape.__name__}/")
 
 
 @group("steady/thresholds", 1e-8)
 def find_thresholds():
     thresholds = [
-        jr.critical_pulsed_amplitude(
+        jr.steady.critical_pulsed_amplitude(
             jr.Block(half_width, slenderness), c, jr.HalfSine, duration
         )
         for half_width, slenderness, c, duration in make_blocks()
@@ -83,12 +83,12 @@ def find_thresholds():
 def differentiate():
     def ratio(at):
         pulse = jr.HalfSine(at[3], at[4])
-        return jr.pulsed_phase(jr.Block(at[0], at[1]), at[2], pulse).rotation_ratio
+        return jr.steady.pulsed_phase(jr.Block(at[0], at[1]), at[2], pulse).rotation_ratio
 
     yield "rotation_ratio", jax.grad(ratio)(jnp.array([0.4, 5.0, 0.7, 5.9, 0.04]))
 
     def amplitude(at):
         block = jr.Block(at[0], at[1])
-        return jr.critical_pulsed_amplitude(block, at[2], jr.HalfSine, at[3]).amplitude
+        return jr.steady.critical_pulsed_amplitude(block, at[2], jr.HalfSine, at[3]).amplitude
 
     yield "amplitude", jax.grad(amplitude)(jnp.array([0.4, 5.0, 0.7, 0.04]))
