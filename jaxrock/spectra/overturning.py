@@ -3,7 +3,7 @@
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -142,7 +142,7 @@ def _simulate_pulses(
     _, (ratios, strengths) = list_points(*parts)
     amplitude = strengths * float(uplift_acceleration(block, model))
     pulses = kind(amplitude, kind.angle / (ratios * float(block.frequency_parameter)))
-    labels = dict(zip(("frequency_ratio", "amplitude_ratio"), parts, strict=True))
+    labels: Any = dict(zip(("frequency_ratio", "amplitude_ratio"), parts, strict=True))
     return compute_responses(Batch.of(block, restitution, pulses), model, None, labels)
 
 
