@@ -74,7 +74,7 @@ CODE_LINES = {
     "calibration/outcomes": 950,
     "accuracy": 453,
     "grids": 324,
-    "spectra": 599,
+    "spectra": 600,
     "risk": 2141,
     "plot": 1073,
     "reports": 330,

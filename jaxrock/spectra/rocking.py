@@ -111,7 +111,8 @@ def rocking_spectrum(  # noqa: PLR0913
         check_single(motion)
     model = as_model(model)
     block, attributes = describe_blocks(model.name, gravity, inertia_ratio, one_sided)
-    attributes["motion"] = (suite.records[0] if suite else motion).name
+    first: Any = suite.records[0] if suite else motion
+    attributes["motion"] = first.name
     if one_sided and restitution is not None:
         restitution = take_magnitudes(restitution)
     axes = make_axes(
