@@ -1,6 +1,6 @@
 """What spectra have in common: axes, variables, blocks and their restitutions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size, read_re
 from ..validation import Reals, as_real, check, check_concrete
 
 SharedBlock = tuple[Block, Reals]  # with its restitution
-VariableTable = Mapping[str, tuple[DataType, str, str]]  # type, long name and unit
+VariableTable = dict[str, tuple[DataType, str, str]]  # type, long name and unit
 
 
 def make_axes(**values: Values | None) -> dict[str, np.ndarray]:

@@ -3,11 +3,11 @@
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..block import RECTANGLE_INERTIA_RATIO, Block
+from ..block import RECTANGLE_INERTIA_RATIO
 from ..driven import Batch, require_complete, uplift_acceleration
 from ..grids import Chunks, Grid, Values, list_points
 from ..ground_motion import Pulse, check_pulse_class
@@ -141,8 +141,8 @@ def _simulate_pulses(
     block, restitution = shared
     _, (ratios, strengths) = list_points(*parts)
     amplitude = strengths * float(uplift_acceleration(block, model))
-    pulses = kind(amplitude, _compute_duration(kind, block, ratios))
-    labels = dict(zip(("frequency_ratio", "amplitude_ratio"), parts, strict=True))
+    pulses = kind(amplitude, kind.angle / (ratios * float(block.frequency_parameter)))
+    labels: Any = dict(zip(("frequency_ratio", "amplitude_ratio"), parts, strict=True))
     return compute_responses(Batch.of(block, restitution, pulses), model, None, labels)
 
 
@@ -156,7 +156,7 @@ def _search_boundaries(
 ) -> dict[str, np.ndarray]:
     """Search boundaries at some frequencies, and list the lowest ones."""
     block, restitution = shared
-    duration = _compute_duration(kind, block, frequency_ratio)
+    duration = kind.angle / (frequency_ratio * float(block.frequency_parameter))
     options = {"resolution": resolution, "model": model}
     found = critical_amplitude(block, restitution, kind, duration, ratios, **options)
     complete = np.atleast_1d(found.complete)
@@ -172,8 +172,3 @@ def _search_boundaries(
         room = [(0, 0)] * frequency_ratio.ndim + [(0, _LISTED - listed.shape[-1])]
         answers[name] = np.pad(listed, room, constant_values=missing)
     return answers
-
-
-def _compute_duration(kind: type[Pulse], block: Block, ratios: np.ndarray) -> np.ndarray:
-    """Compute the durations of pulses of these frequencies over p."""
-    return kind.angle / (ratios * float(block.frequency_parameter))

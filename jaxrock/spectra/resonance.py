@@ -120,7 +120,7 @@ def resonance_spectrum(  # noqa: PLR0913
     )
     warn_of_size("width", axes["width"])
     dtype = jnp.result_type(float)
-    table = {name: (dtype, *described) for name, described in _VARIABLES.items()}
+    table: Any = {name: (dtype, *described) for name, described in _VARIABLES.items()}
     variables = make_variables(_AXES, table)
     # The critical intensity is itself a value along the axis of intensities.
     critical = variables["critical_intensity"]

@@ -107,11 +107,12 @@ def rocking_spectrum(  # noqa: PLR0913
     """
     check_kind("motion", motion, Pulse, Harmonic, Record, Suite)
     suite = motion if isinstance(motion, Suite) else None
-    if suite is None:
+    if not isinstance(motion, Suite):
         check_single(motion)
     model = as_model(model)
     block, attributes = describe_blocks(model.name, gravity, inertia_ratio, one_sided)
-    attributes["motion"] = (motion if suite is None else suite[0]).name
+    first: Any = suite.records[0] if suite else motion
+    attributes["motion"] = first.name
     if one_sided and restitution is not None:
         restitution = take_magnitudes(restitution)
     axes = make_axes(
@@ -152,15 +153,16 @@ def _simulate_part(
     """Simulate blocks over a part of a grid, the values along whose axes are the parts."""
     block, motion = shared
     labels: dict[str, Any] = dict(zip(names, parts, strict=True))
+    axes: Sequence[np.ndarray] = parts
     if isinstance(motion, Suite):
         # A chunk has neighbouring records, of some perhaps one direction only. A slice of a
         # suite in both directions would refuse that: hence a plain suite.
-        records, *parts = parts
+        records, *axes = parts
         chosen = slice(records[0], records[-1] + 1)
         motion = Suite(motion.records[chosen], motion.names[chosen])
         labels["record"] = motion.names
-    _, points = list_points(*parts)
-    at = dict(zip(names[-len(parts) :], points, strict=True))
+    _, points = list_points(*axes)
+    at = dict(zip(names[-len(axes) :], points, strict=True))
     gravity = float(block.gravity)
     inertia_ratio = float(block.inertia_ratio)
     # p^2 = g / (kappa R), with kappa = I / (m R^2).
@@ -184,7 +186,7 @@ def compute_responses(
     batch: Batch,
     model: RockingModel,
     tolerance: float | None,
-    labels: Mapping[str, Sequence[str] | np.ndarray],
+    labels: Mapping[str, Any],
 ) -> dict[str, np.ndarray]:
     """Compute the variables of responses over a part of a grid, whose axes have labels."""
     if tolerance is None:
