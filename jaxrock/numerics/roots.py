@@ -169,10 +169,10 @@ def _step_ahead(
     """
     x1, x2, _ = iterate.x
     x = _propose_value(iterate, bisects, np)
-    levels = min(max((_LANES // x.size + 1).bit_length() - 1, 1), _MOST_LEVELS)
     # Where all are interpolated, no bisection is expected to follow.
     if not (x == x1 + 0.5 * (x2 - x1)).any():
-        levels = 1
+        return _shrink_bracket(iterate, x, evaluate(case, x), np)
+    levels = min(max((_LANES // x.size + 1).bit_length() - 1, 1), _MOST_LEVELS)
 
     # The tree of bisections that may come next: 1, 2, 4, ... values. They are computed by the
     # formula of the proposals, so that their bits are those that these will ask for.
