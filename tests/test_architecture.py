@@ -63,7 +63,7 @@ CODE_LINES = {
     "host": 242,
     "tables": 415,
     "numerics": 768,
-    "resonance": 1413,
+    "resonance": 1415,
     "ground_motion": 1470,
     "ground_motion/files": 928,
     "driven": 3342,

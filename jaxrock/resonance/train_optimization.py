@@ -375,7 +375,9 @@ def _evaluate_train(
         outcome = follow_phased_train(rocker, train, problem.spacing, most_impacts, waits)
         # A train may leave the block at rest, and 0 has no logarithm.
         log_x = jnp.log(jnp.maximum(outcome.x, 1e-30))
-        log_total = jnp.where(problem.seeks_total, jnp.log(abs(weights * comes).sum()), 0)
+        log_total = jnp.where(
+            problem.seeks_total, jnp.log(abs(jnp.where(comes, weights, 0)).sum()), 0
+        )
         log_size = log_bound[0] + log_total
         loss = jnp.where(problem.seeks_pulses, log_size, -log_x)
         # In units of 1 / p times are pure numbers, like the logarithm. Without a latest time
