@@ -63,7 +63,7 @@ CODE_LINES = {
     "host": 242,
     "tables": 415,
     "numerics": 624,
-    "resonance": 1402,
+    "resonance": 1415,
     "ground_motion": 1123,
     "ground_motion/files": 928,
     "driven": 3070,

@@ -95,6 +95,8 @@ class Candidate(NamedTuple):
         numbers that a descent changes.
     impacts
         Impacts between a pulse and the one before, (pulses,): only moves change them.
+    used
+        Number of pulses of the train; the others are left out.
     loss
         The number that is minimised.
     ended
@@ -103,6 +105,7 @@ class Candidate(NamedTuple):
 
     numbers: np.ndarray
     impacts: np.ndarray
+    used: int
     loss: float = np.inf
     ended: bool = False
 
@@ -128,9 +131,9 @@ class Candidate(NamedTuple):
         return float(self.loss + 10 * _NO_GAIN * lateness)
 
     @property
-    def identity(self) -> tuple[bytes, float]:
+    def identity(self) -> tuple[int, bytes, float]:
         """A key that is equal for candidates with the same train."""
-        return self.impacts.tobytes(), round(self.merit, 6)
+        return self.used, self.impacts.tobytes(), round(self.merit, 6)
 
 
 class Evaluation(NamedTuple):
@@ -180,6 +183,7 @@ class _Descent(NamedTuple):
 
     numbers: Reals
     impacts: Integers
+    comes: Booleans
     lows: Reals
     highs: Reals
     steps: Integers
@@ -278,6 +282,7 @@ def _run_descents(
         (
             candidate.numbers.astype(dtype),
             candidate.impacts,
+            np.arange(candidate.impacts.size) < candidate.used,
             *(bound.astype(dtype) for bound in _compute_bounds(candidate, problem)),
             steps,
         )
@@ -309,7 +314,7 @@ def _descend_all(descents: _Descent, problem: TrainProblem, most_impacts: int) -
             """Go one step."""
             waits = (descent.steps > 1) & (state.step == 0)
             evaluation = _evaluate_train(
-                state.numbers, state.impacts, waits, problem, most_impacts
+                state.numbers, state.impacts, descent.comes, waits, problem, most_impacts
             )
             loss, slope, excess = _reduce_loss(evaluation, problem)
             updates, optimizer_state = optimizer.update(slope, state.optimizer, state.numbers)
@@ -344,7 +349,7 @@ def _descend_all(descents: _Descent, problem: TrainProblem, most_impacts: int) -
 
     one = jax.tree.map(lambda rows: rows[0], descents)
     evaluation = jax.eval_shape(
-        lambda: _evaluate_train(one.numbers, one.impacts, one.steps > 1, problem, most_impacts)
+        lambda: _evaluate_train(*one[:3], one.steps > 1, problem, most_impacts)
     )
     shapes = Descended(one.numbers, one.numbers[0], evaluation)
     return jax.lax.map(descend, descents)
@@ -354,6 +359,7 @@ def _descend_all(descents: _Descent, problem: TrainProblem, most_impacts: int) -
 def _evaluate_train(
     numbers: Reals,
     impacts: Integers,
+    comes: Booleans,
     waits: Booleans,
     problem: TrainProblem,
     most_impacts: int,
@@ -365,11 +371,13 @@ def _evaluate_train(
     def compute_values(numbers: Reals) -> tuple[Reals, tuple[Reals, Outcome]]:
         """Compute the values, and once more to pass on undifferentiated, with the outcome."""
         phases, weights, log_bound = jnp.split(numbers, [size, 2 * size])
-        train = Train(phases, jnp.exp(log_bound) * weights, impacts)
+        train = Train(phases, jnp.exp(log_bound) * weights, impacts, comes)
         outcome = follow_phased_train(rocker, train, problem.spacing, most_impacts, waits)
         # A train may leave the block at rest, and 0 has no logarithm.
         log_x = jnp.log(jnp.maximum(outcome.x, 1e-30))
-        log_total = jnp.where(problem.seeks_total, jnp.log(abs(weights).sum()), 0)
+        log_total = jnp.where(
+            problem.seeks_total, jnp.log(abs(jnp.where(comes, weights, 0)).sum()), 0
+        )
         log_size = log_bound[0] + log_total
         loss = jnp.where(problem.seeks_pulses, log_size, -log_x)
         # In units of 1 / p times are pure numbers, like the logarithm. Without a latest time
@@ -486,6 +494,9 @@ def _generate_moves(
                 after = moved.impacts.copy()
                 after[k + 1 :] = problem.fewest_impacts
                 yield moved._replace(impacts=after)
+    if k == candidate.used - 1 and (problem.spacing > 0 or problem.latest < np.inf):
+        # One pulse less.
+        yield candidate._replace(used=k)
 
 
 def _place_pulse(candidate: Candidate, k: int, impacts: int, phase: float) -> Candidate:

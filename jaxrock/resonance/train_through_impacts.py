@@ -31,11 +31,14 @@ class Train(NamedTuple):
         Intensity over `Rocker.unit`, outward positive [-].
     impacts
         Impacts between a pulse and the one before.
+    comes
+        False for pulses that are left out, the last ones.
     """
 
     phase: Reals
     impulse: Reals
     impacts: Integers
+    comes: Booleans
 
 
 class Outcome(NamedTuple):
@@ -129,9 +132,11 @@ def follow_phased_train(
         delay = since / jnp.where(duration > 0, duration, 1)
         other_side = side_after_impact(rocker.block.one_sided, side)
         side = jnp.where(impacts % 2 == 1, other_side, side)
-        time = time + passed + since
-        new = _AfterPulse(after, from_ground, time, side)
-        return new, (time, side, delay, wait - duration, impacts)
+        new = _AfterPulse(after, from_ground, time + passed + since, side)
+        # A pulse that is left out changes nothing, and lacks nothing.
+        new = jax.tree.map(lambda new, old: jnp.where(pulse.comes, new, old), new, last)
+        lacking = jnp.where(pulse.comes, wait - duration, -1)
+        return new, (new.time, new.side, delay, lacking, impacts)
 
     zero = jnp.zeros_like(train.impulse[0])
     first = _AfterPulse(Flight(zero, abs(train.impulse[0])), zero, zero, zero + 1)

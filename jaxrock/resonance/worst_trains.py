@@ -135,7 +135,8 @@ def worst_train(  # noqa: PLR0913
     restitution : float
         Its C [-], between 0 and 1; of a one-sided block its magnitude counts.
     count : int
-        Number of pulses, at least 1.
+        Number of pulses, at least 1. With limits on the times, the train has fewer if these do
+        more.
     goal : str
         ``"smallest largest"``: overturn the block with the largest pulse as small as
         possible; ``"smallest total"``: with the sum of magnitudes as small as possible;
@@ -148,8 +149,7 @@ def worst_train(  # noqa: PLR0913
     spacing : float
         Shortest time between two pulses [s], finite and at least 0.
     latest : float
-        Latest time of the last pulse [s], at least 0. If it is early, fewer pulses may
-        do more.
+        Latest time of the last pulse [s], at least 0.
     model : Linearized or Nonlinear
         Equation of the motion between the pulses.
     starts, seed : int
@@ -246,7 +246,7 @@ def _draw_candidates(
     weights[-1] = 1
     numbers = np.column_stack([phases, weights, log_bounds])
     return [
-        Candidate(train_numbers, train_impacts)
+        Candidate(train_numbers, train_impacts, count)
         for train_numbers, train_impacts in zip(numbers, impacts, strict=True)
     ]
 
@@ -261,7 +261,9 @@ def _make_result(candidates: list[Candidate], problem: TrainProblem, goal: Goal)
     objectives = np.exp(losses) * unit if problem.seeks_pulses else np.exp(-losses)
     outcome = evaluate(best, problem).outcome
     # What the train does, from the numbers that were optimised.
-    intensities = outcome.sides * best.weights * np.exp(best.numbers[-1]) * unit
+    count = best.used
+    weights = best.weights[:count] * np.exp(best.numbers[-1])
+    intensities = outcome.sides[:count] * weights * unit
     overturns = bool(problem.seeks_pulses or outcome.x >= 1)
     # At the peak the velocity is 0: all of the launch velocity is lost.
     top = Flight(jnp.asarray(outcome.x), jnp.zeros_like(outcome.x))
@@ -278,8 +280,8 @@ def _make_result(candidates: list[Candidate], problem: TrainProblem, goal: Goal)
     return WorstTrain(
         times=times,
         intensities=raised,
-        impacts_between=np.asarray(outcome.impacts, int),
-        delays=np.asarray(outcome.delays),
+        impacts_between=np.asarray(outcome.impacts, int)[:count],
+        delays=np.asarray(outcome.delays)[:count],
         largest=float(abs(intensities).max()),
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
@@ -302,7 +304,8 @@ def _simulate_raised(
     before, after = (
         evaluate(best, problem, by + sign * problem.margin).outcome.times for sign in (-1, 1)
     )
-    times = np.maximum.accumulate(np.where(best.phases > 0.5, before, after))
+    times = np.where(best.phases > 0.5, before, after)[: best.used]
+    times = np.maximum.accumulate(times)
     raised = intensities * (1 + by)
     dtype = problem.rocker.restitution.dtype
     response = follow_timed_train(
