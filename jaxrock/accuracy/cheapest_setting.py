@@ -160,7 +160,7 @@ def choose(
 
 def _choose_rtol(given: tuple, tolerance: float) -> Choice:
     """Choose the tolerance of the batch by a trial: no closed form predicts driven motion."""
-    within = respond_within(*given, tolerance)
+    within = respond_within(*given, tolerance=tolerance)
     bits = int(jnp.finfo(within.response.margin.dtype).bits)
     levels = np.array(TOLERANCES[bits])
     # Tolerances fall: the number of those above the cheapest is its place among them.

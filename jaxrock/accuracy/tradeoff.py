@@ -105,7 +105,7 @@ def measure_tradeoff(
         raise ValueError("JAX must be set to 64 bits, which are the reference, got 32 bits")
     check("repeats", repeats, AT_LEAST_ONE)
     # By default a pulse so short that every level of fidelity can tell of it.
-    given = (Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01)) if scene is None else scene
+    given = cast(Scene | tuple, scene or (Block(0.4, 5.0), 0.7, HalfSine(40.0, 0.01)))
     scene = given if isinstance(given, Scene) else _Driven(*given)
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((scene.block, scene.restitution))):
         raise ValueError("scene must be a single scene, got arrays of numbers")
