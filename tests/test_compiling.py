@@ -103,8 +103,10 @@ CALLS = {
     "Suite": lambda k: suite(k).scaled(1.0 + k).measure("pga_ratio", block(k)),
     "Hazard": lambda k: jr.risk.Hazard([0.1 + 0.01 * k, 1.0], [1e-2, 1e-4])(0.2 + 0.1 * k),
     "amplification": lambda k: jr.amplification(scene(k)),
-    "assess": lambda k: jr.reports.assess(block(k), 0.7, 0.15),
-    "assess, no intensity": lambda k: jr.reports.assess(block(k), 0.7 + 0.01 * k),
+    "assess": lambda k: (
+        jr.reports.assess(block(k), 0.7, 0.15),
+        jr.reports.assess(block(k), 0.7 + 0.01 * k),
+    ),
     "choose": lambda k: jr.accuracy.choose(scene(k), 0.01 + 0.01 * k),
     "critical_amplitude": lambda k: jr.critical_amplitude(
         jr.Block(0.1 + 0.02 * k, 5.0), 0.9, jr.Sine, 0.5

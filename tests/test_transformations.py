@@ -180,6 +180,7 @@ CALLED_WITH = {
     "housner_restitution": lambda c: jr.housner_restitution(jr.Block(c, 5.0)),
     "one_sided_restitution": lambda c: jr.one_sided_restitution(jr.Block(c, 5.0)),
     "value_and_slopes": lambda c: jr.value_and_slopes(lambda x: 2 * x)(c)[0],
+    "assess": lambda c: jr.reports.assess(BLOCK, c, 0.15),
     "pulsed_phase": lambda c: jr.steady.pulsed_phase(BLOCK, c, PULSE).rotation_ratio,
     "critical_pulsed_amplitude": lambda c: (
         jr.steady.critical_pulsed_amplitude(BLOCK, c, jr.HalfSine, 0.1).amplitude

@@ -9,7 +9,6 @@ from .elementary import arcsin as arcsin
 from .elementary import arcsin_ratio as arcsin_ratio
 from .elementary import arctan_ratio as arctan_ratio
 from .elementary import artanh_ratio as artanh_ratio
-from .elementary import decaying_share_of_one as decaying_share_of_one
 from .elementary import minus_log as minus_log
 from .elementary import one_minus_square as one_minus_square
 from .elementary import pick_larger as pick_larger

@@ -169,13 +169,6 @@ def share_of_one(ratio: Number, count: Number) -> Reals:
     return _share_of_one(*jnp.broadcast_arrays(ratio, count))
 
 
-def decaying_share_of_one(decay: Number, count: Number) -> Reals:
-    """Compute `share_of_one` of the ratio ``exp(-decay)``, accurately for small decay."""
-    decay = jnp.asarray(decay)
-    count = jax.lax.stop_gradient(jnp.asarray(count).astype(decay.dtype))
-    return _decaying_share_of_one(*jnp.broadcast_arrays(decay, count))
-
-
 @jax.custom_jvp
 def _share_of_one(ratio: Array, count: Array) -> Array:
     """Compute ``(1 - C) / (1 - C^n)``, and its limits one by one."""
@@ -204,24 +197,6 @@ def _share_of_one_jvp(dratio, share, ratio, count):
 
 
 _share_of_one.defjvps(_share_of_one_jvp, None)
-
-
-@jax.custom_jvp
-def _decaying_share_of_one(decay: Array, count: Array) -> Array:
-    """Compute ``(1 - exp(-d)) / (1 - exp(-n d))``, 1/n at d = 0."""
-    decays = decay > 0
-    safe = jnp.where(decays, decay, 1)
-    return jnp.where(decays, jnp.expm1(-safe) / jnp.expm1(-count * safe), 1 / count)
-
-
-def _decaying_share_of_one_jvp(ddecay, share, decay, count):
-    """Differentiate the share with respect to the decay, by its logarithm."""
-    finite = count < jnp.inf
-    slope = share * _logarithmic_slope(decay, jnp.where(finite, count, 2))
-    return jnp.where(finite, slope, jnp.exp(-decay)) * ddecay
-
-
-_decaying_share_of_one.defjvps(_decaying_share_of_one_jvp, None)
 
 
 def _logarithmic_slope(decay: Array, count: Array) -> Array:

@@ -81,7 +81,7 @@ REFUSED = [
     (read_impact_times, "time [s]\n0\n1\n1\n", ("line 4", "times must increase")),
     (read_tests, f"{HEAD}a.csv,,0,,1,,,", ("line 2", "greater than 0", "'0'")),
     (read_tests, f"{HEAD}a.csv,,,0,1,,,", ("line 2", "not 0", "'0'")),
-    (read_tests, f"{HEAD}a.csv,,,,yes,,,x\na.csv,,,,no,,,x", ("names must differ", "'x'")),
+    (read_tests, f"{HEAD}a.csv,,,,yes,,,x\na.csv,,,,no,,,x", ("different names", "'x'")),
     (
         read_tests,
         f"{HEAD}a.csv,,,,yes,A,,\na.csv,,,,no,,,",

@@ -183,12 +183,11 @@ def _choose_tolerances(
     # No step can be sure of less than some units in the last place: the control would make
     # steps shorter and shorter.
     least = 20 * float(jnp.finfo(dtype).eps)
-    rtol = (
-        (1e-8 if dtype == np.float64 else 1e-5)
-        if rtol is None
-        else float(as_real("rtol", rtol))
-    )
-    atol = 1e-9 * rtol if atol is None else float(as_real("atol", atol))
+    for name, value in (("rtol", rtol), ("atol", atol)):
+        if value is not None:
+            as_real(name, value)  # refuses what is no number; its array is traced under `jit`
+    rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
+    atol = 1e-9 * rtol if atol is None else float(atol)
     if not least <= rtol < 1:
         raise ValueError(
             f"rtol must be less than 1 and at least {least:.1g}, which is what {dtype}"
