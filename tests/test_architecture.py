@@ -76,7 +76,7 @@ CODE_LINES = {
     "grids": 324,
     "spectra": 600,
     "risk": 2142,
-    "plot": 1073,
+    "plot": 1092,
     "reports": 332,
     "cli": 1038,
 }

@@ -121,6 +121,18 @@ def test_all_draw_on_the_axes_given_with_units_and_texts_apart(spectrum, boundar
         plt.close("all")
 
 
+@pytest.mark.thorough
+def test_panels_stand_in_the_place_of_the_axes_given(spectrum):
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), layout="constrained")
+    left.plot([1, 2])
+    panels = plot.plot_spectrum(spectrum, ax=right).axes
+    assert figure.axes == [left, *panels]
+    figure.draw_without_rendering()
+    assert min(panel.get_window_extent().x0 for panel in panels) > left.get_window_extent().x1
+    assert find_clashes(figure) == []
+    plt.close("all")
+
+
 def test_every_picture_says_what_it_is_drawn_of(monkeypatch):
     # Without the types that the tests check, which would answer before the package does.
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)

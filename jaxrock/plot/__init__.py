@@ -1,8 +1,8 @@
 """Figures: functions that take ``ax=None`` and return the axes they drew on.
 
-There are exceptions: `plot_free_rocking_fit` makes a figure of two panels, `plot_spectrum` and
-`plot_rocking_spectrum` make a figure of many panels. `plot_curves` draws one panel of
-`plot_spectrum`.
+Three draw several panels, in the place of `ax` or in a new figure, and return this part or
+figure: `plot_free_rocking_fit`, `plot_spectrum` and `plot_rocking_spectrum`. `plot_curves` draws
+one panel of `plot_spectrum`.
 """
 
 from .calibration import plot_free_rocking_fit

@@ -9,6 +9,7 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.figure import FigureBase
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from ..tables import QUANTITIES, write_label
@@ -56,6 +57,15 @@ def check_result(name: str, value: object, kind: type, source: str) -> None:
 def get_axes(ax: Axes | None, figsize: tuple[float, float] | None = None) -> Axes:
     """Return `ax`, or make new axes in a figure of this size [inches]."""
     return plt.subplots(layout="constrained", figsize=figsize)[1] if ax is None else ax
+
+
+def make_figure(ax: Axes | None, figsize: tuple[float, float]) -> FigureBase:
+    """Return a new figure of this size [inches], or the part of a figure where `ax` was."""
+    if ax is None:
+        return plt.figure(figsize=figsize, layout="constrained")
+    figure, place = ax.figure, ax.get_subplotspec()
+    ax.remove()
+    return figure.add_subfigure(place)
 
 
 def label_axes(ax: Axes, x: str, y: str, grid: Literal["both", "x", "y"] = "both") -> Axes:

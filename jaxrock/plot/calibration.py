@@ -1,17 +1,26 @@
 """Fits of measurements: half-cycles and restitution of a block that rocks freely."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 from matplotlib.ticker import MaxNLocator
 
 from ..calibration import FreeRockingFit
 from ..tables import write_label
-from .axes import ACCENT, BESIDE, INK, LINE, NEUTRAL, QUANTILE, check_result, label_axes
+from .axes import (
+    ACCENT,
+    BESIDE,
+    INK,
+    LINE,
+    NEUTRAL,
+    QUANTILE,
+    check_result,
+    label_axes,
+    make_figure,
+)
 
 
-def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> Figure:
+def plot_free_rocking_fit(fit: FreeRockingFit, ax: Axes | None = None) -> FigureBase:
     """Draw measured and fitted half-cycle durations, and C of each impact over its velocity.
 
     Each duration is drawn between the two impacts of its half-cycle. Impacts that are missing
@@ -22,13 +31,15 @@ def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> 
 
     Parameters
     ----------
-    fit, figure : FreeRockingFit, matplotlib.figure.Figure
-        From `jaxrock.calibration.fit_free_rocking`, one test; the figure to draw on, a new one
-        by default.
+    fit : FreeRockingFit
+        From `jaxrock.calibration.fit_free_rocking`, one test.
+    ax : matplotlib.axes.Axes, optional
+        Axes of `matplotlib.pyplot.subplots`, in whose place the panels stand; by default they
+        stand in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.figure.Figure or matplotlib.figure.SubFigure
 
     Raises
     ------
@@ -40,8 +51,7 @@ def plot_free_rocking_fit(fit: FreeRockingFit, figure: Figure | None = None) -> 
         shape = np.shape(fit.restitution)
         raise ValueError(f"fit must be of one test, got an array of shape {shape}")
     timed = fit.impact_times.size > 1
-    if figure is None:
-        figure = plt.figure(figsize=(7.5, 6.4 if timed else 3.4), layout="constrained")
+    figure = make_figure(ax, (7.5, 6.4 if timed else 3.4))
     panels = figure.subplots(1 + timed, squeeze=False)[:, 0]
     if timed:
         _draw_durations(fit, panels[0])

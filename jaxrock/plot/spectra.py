@@ -5,11 +5,10 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import matplotlib
-import matplotlib.pyplot as plt
 import numpy as np
 import xarray
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import FigureBase
 
 from ..block import Block
 from ..grids import expand_scalars
@@ -23,6 +22,7 @@ from .axes import (
     get_axes,
     label_axes,
     label_variable,
+    make_figure,
     set_title,
 )
 
@@ -126,7 +126,9 @@ def _find_ends(y: np.ndarray) -> np.ndarray:
     return standing & ~(np.append(standing[1:], True) & np.append(True, standing[:-1]))
 
 
-def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") -> Figure:
+def plot_spectrum(
+    spectrum: xarray.Dataset, variable: str = "rotation_ratio", ax: Axes | None = None
+) -> FigureBase:
     """Draw a variable over slenderness, restitutions in columns and intensities in rows.
 
     Each width has a curve. If a dimension has too many values to distinguish (more than 4
@@ -138,10 +140,13 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
     ----------
     spectrum, variable : xarray.Dataset, str
         From `jaxrock.resonance_spectrum`, and the name of one of its variables.
+    ax : matplotlib.axes.Axes, optional
+        Axes of `matplotlib.pyplot.subplots`, in whose place the panels stand; by default they
+        stand in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.figure.Figure or matplotlib.figure.SubFigure
 
     Raises
     ------
@@ -176,7 +181,7 @@ def plot_spectrum(spectrum: xarray.Dataset, variable: str = "rotation_ratio") ->
         set_title(panel, {"restitution": curves.restitution}, pulses)
 
     most = {"width": 7, "slenderness": _POINTS, "restitution": 4, "intensity": 4}
-    return _draw_panels(spectrum[variable], draw, most)
+    return _draw_panels(spectrum[variable], draw, most, ax)
 
 
 def _draw_rocking_curves(spectrum: xarray.Dataset, panel: Axes) -> None:
@@ -195,7 +200,7 @@ def _draw_rocking_curves(spectrum: xarray.Dataset, panel: Axes) -> None:
     set_title(panel, about, "" if given else "$C$ by size", floor, scaled)
 
 
-def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
+def plot_rocking_spectrum(spectrum: xarray.Dataset, ax: Axes | None = None) -> FigureBase:
     """Draw peak rotation over the period 2 pi / p, a panel for each restitution.
 
     Each slenderness has a curve, which ends in a cross where the block overturns. If there are
@@ -206,10 +211,12 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     ----------
     spectrum : xarray.Dataset
         From `jaxrock.rocking_spectrum`.
+    ax : matplotlib.axes.Axes, optional
+        As in `plot_spectrum`.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.figure.Figure or matplotlib.figure.SubFigure
 
     Examples
     --------
@@ -218,12 +225,16 @@ def plot_rocking_spectrum(spectrum: xarray.Dataset) -> Figure:
     >>> figure = jr.plot.plot_rocking_spectrum(spectrum)
     """
     check_result("spectrum", spectrum, xarray.Dataset, "rocking_spectrum(...)")
-    return _draw_panels(spectrum, _draw_rocking_curves, {"slenderness": 5, "restitution": 4})
+    most = {"slenderness": 5, "restitution": 4}
+    return _draw_panels(spectrum, _draw_rocking_curves, most, ax)
 
 
 def _draw_panels(
-    data: _Data, draw: Callable[[_Data, Axes], object], most: dict[str, int]
-) -> Figure:
+    data: _Data,
+    draw: Callable[[_Data, Axes], object],
+    most: dict[str, int],
+    ax: Axes | None,
+) -> FigureBase:
     """Draw a panel for each intensity and restitution, and one legend for all of them.
 
     Parameters
@@ -232,6 +243,8 @@ def _draw_panels(
         Whole spectrum, and the function that draws one panel of it on axes.
     most : dict
         By the name of a dimension, the largest number of its values that are drawn.
+    ax : matplotlib.axes.Axes or None
+        In whose place the panels stand.
     """
     shown = []
     for name, number in most.items():
@@ -242,10 +255,8 @@ def _draw_panels(
             shown.append(f"{name} {number} of {there:,}")
     rows, columns = (data.sizes.get(name, 1) for name in ("intensity", "restitution"))
     # A panel has room for its title, the figure for its legend.
-    size = {"figsize": (1.6 + 3.2 * columns, 0.6 + 3.0 * rows), "layout": "constrained"}
-    figure, panels = plt.subplots(
-        rows, columns, sharex=True, sharey=True, squeeze=False, **size
-    )
+    figure = make_figure(ax, (1.6 + 3.2 * columns, 0.6 + 3.0 * rows))
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for (row, column), panel in np.ndenumerate(panels):
         draw(data.isel(intensity=row, restitution=column, missing_dims="ignore"), panel)
         panel.label_outer()
