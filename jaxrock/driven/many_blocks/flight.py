@@ -81,10 +81,14 @@ class StepFlight(eqx.Module):
         falls = _greatest(first, bend, last + fourth * (1 / 6)) <= 0
 
         above = (low >= 0) | (_least(*chords) >= 0)
-        known = rises | falls | (high <= peak * (1 + tolerance))
+        # Where the slope falls throughout, there is one top, and no higher than that of the
+        # parabola with the least curvature: so small bounces in long steps do not end at it.
+        curvature = _greatest(second, second + 3 * third + 0.25 * fourth)
+        single = curvature <= 0
+        allowed = peak * (1 + tolerance)
+        small = jnp.maximum(first, 0) ** 2 <= -4 * curvature * (allowed - fixed[0])
+        known = rises | falls | (high <= allowed) | (single & small)
         rises_then_falls = ~known & (first > 0) & (end_slope < 0)
-        # Where the slope falls throughout, there is no other top.
-        single = (second <= 0) & (second + 3 * third + 0.25 * fourth <= 0)
         crosses = known & ~above & (end < 0)
         event = jnp.where(known & above, _NONE, jnp.where(crosses, _IMPACT, _UNCERTAIN))
         top = jnp.where(above & single, _TOP, _END_AT_TOP)
