@@ -66,7 +66,7 @@ CODE_LINES = {
     "resonance": 1415,
     "ground_motion": 1123,
     "ground_motion/files": 928,
-    "driven": 3069,
+    "driven": 3072,
     "steady": 876,
     "overturning": 529,
     "sensitivity": 1175,
