@@ -66,7 +66,7 @@ CODE_LINES = {
     "resonance": 1415,
     "ground_motion": 1123,
     "ground_motion/files": 928,
-    "driven": 3072,
+    "driven": 3071,
     "steady": 876,
     "overturning": 529,
     "sensitivity": 1175,
@@ -76,7 +76,7 @@ CODE_LINES = {
     "grids": 324,
     "spectra": 600,
     "risk": 2142,
-    "plot": 1092,
+    "plot": 1094,
     "reports": 332,
     "cli": 1038,
 }

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..host import count_work
-from ..validation import AnyArray
+from ..validation import AnyArray, Integers
 from .brackets import Brackets, Evaluate, EvaluatedMargin
 
 _Tree = TypeVar("_Tree")
@@ -79,7 +79,7 @@ def refine_brackets(
     bisects = tolerance is not None
     if traced:
 
-        def take_step(state: tuple[int, _Iterate]) -> tuple[int, _Iterate]:
+        def take_step(state: tuple[Integers, _Iterate]) -> tuple[Integers, _Iterate]:
             count, iterate = state
             x = _propose_value(iterate, bisects, jnp)
             return count + 1, _shrink_bracket(iterate, x, evaluate(pairs.case, x), jnp)
@@ -87,7 +87,7 @@ def refine_brackets(
         _, iterate = jax.lax.while_loop(
             lambda state: (state[0] < _ITERATIONS) & ~state[1].has_converged().all(),
             take_step,
-            (0, iterate),
+            (jnp.asarray(0), iterate),
         )
     else:
         iterate = jax.tree.map(np.array, iterate)  # which is then changed in place

@@ -64,6 +64,8 @@ def make_figure(ax: Axes | None, figsize: tuple[float, float]) -> FigureBase:
     if ax is None:
         return plt.figure(figsize=figsize, layout="constrained")
     figure, place = ax.figure, ax.get_subplotspec()
+    if place is None:
+        raise ValueError("ax must be one of plt.subplots here, since panels take its place")
     ax.remove()
     return figure.add_subfigure(place)
 

@@ -58,7 +58,7 @@ class StepFlight(eqx.Module):
         """
         # Decisions have no derivatives. The end of a step may have one: where the input has a
         # corner.
-        fixed, length, peak = jax.lax.stop_gradient((path, step, peak))
+        fixed, length, allowed = jax.lax.stop_gradient((path, step, peak * (1 + tolerance)))
         end, end_slope = evaluate_derivatives(fixed, length, 2)
         first = length * fixed[1]
         second = length * length * fixed[2]
@@ -85,7 +85,6 @@ class StepFlight(eqx.Module):
         # parabola with the least curvature: so small bounces in long steps do not end at it.
         curvature = _greatest(second, second + 3 * third + 0.25 * fourth)
         single = curvature <= 0
-        allowed = peak * (1 + tolerance)
         small = jnp.maximum(first, 0) ** 2 <= -4 * curvature * (allowed - fixed[0])
         known = rises | falls | (high <= allowed) | (single & small)
         rises_then_falls = ~known & (first > 0) & (end_slope < 0)
