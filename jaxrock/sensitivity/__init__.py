@@ -1,6 +1,7 @@
 """Dependence of an answer on parameters: derivatives, ranges, uncertainty."""
 
 from .array_slopes import value_and_slopes
+from .derivatives import Derivatives, derivatives_within
 from .distributions import draw_normal_numbers as draw_normal_numbers
 from .driven_answer import driven_tornado
 from .local_dependence import LocalDependence, local_dependence
@@ -15,6 +16,7 @@ from .uncertain import Draws, Uncertain
 from .uncertain import FloorFactors as FloorFactors
 
 __all__ = [
+    "Derivatives",
     "Draws",
     "LocalDependence",
     "MomentEstimate",

@@ -38,7 +38,7 @@ def gather_parameters(
     """
     restitution, _ = check_batch(block, restitution, motion, None)
     check("scale", as_real("scale", scale), POSITIVE)
-    at = {name: getattr(motion, name) for name in _name_fields(motion)}
+    at = {name: getattr(motion, name) for name in name_fields(motion)}
     at |= {"block": block, "restitution": restitution, "scale": scale}
     if any(np.ndim(leaf) for leaf in jax.tree.leaves(at)):
         raise ValueError("block, restitution and motion must be single, got arrays")
@@ -47,13 +47,13 @@ def gather_parameters(
 
 def change_motion(motion: Motion, at: Mapping[str, Any]) -> Motion:
     """Replace the numbers of a motion by those that `gather_parameters` names."""
-    for name in _name_fields(motion):
+    for name in name_fields(motion):
         value = as_field(type(motion), name, at[name])
         motion = eqx.tree_at(lambda part, name=name: getattr(part, name), motion, value)
     return motion
 
 
-def _name_fields(motion: Motion | Suite) -> tuple[str, ...]:
+def name_fields(motion: Motion | Suite) -> tuple[str, ...]:
     """Name the numbers of a motion that may vary."""
     if isinstance(motion, Pulse):
         return ("amplitude", "duration")

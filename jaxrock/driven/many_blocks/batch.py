@@ -45,6 +45,8 @@ class Batch(eqx.Module):
         them.
     control : StepControl
         Of the response, or of its companions in `to_tolerance`.
+    answer, directions : Array, tuple of BatchArguments, or None
+        Of which answer derivatives are wanted, and how `arguments` move with each parameter.
     """
 
     block: Block
@@ -54,6 +56,8 @@ class Batch(eqx.Module):
     rotation: HostNumbers | None
     velocity: HostNumbers | None
     control: StepControl
+    answer: HostNumbers | None = None
+    directions: tuple[BatchArguments, ...] | None = None
 
     @classmethod
     def of(
@@ -143,6 +147,8 @@ class Batch(eqx.Module):
             rotation=self.rotation,
             velocity=self.velocity,
             motion=self.ground.motion,
+            answer=self.answer,
+            directions=self.directions,
         )
 
     def flatten(self) -> tuple[HostReals, Hashable]:

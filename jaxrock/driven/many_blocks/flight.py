@@ -15,6 +15,7 @@ there is, and lands at the beginning of the next interval.
 
 import functools
 import math
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -22,7 +23,15 @@ import jax.numpy as jnp
 
 from ...validation import Booleans, Number, Reals
 from .ground_input import PerBlock, TruthPerBlock
-from .taylor import Coefficients, differentiate, evaluate, evaluate_derivatives, materialize
+from .taylor import (
+    Coefficients,
+    Expansion,
+    Launch,
+    differentiate,
+    evaluate,
+    evaluate_derivatives,
+    materialize,
+)
 
 # Longest step times the fastest rate: on longer ones the bounds are rarely close enough.
 LONGEST_STEP = 0.9
@@ -49,16 +58,19 @@ class StepFlight(eqx.Module):
 
     @classmethod
     def of(
-        cls, path: Coefficients, step: Reals, moves: Booleans, peak: Reals, tolerance: Number
+        cls, expansion: Expansion, launch: Launch, step: Reals, moves: Booleans, peak: Reals
     ) -> "StepFlight":
         """Describe the flight on a polynomial, up to a time.
 
-        A rotation within the step is sought if it exceeds the peak so far by more than the
-        tolerance.
+        A rotation within the step is sought if it exceeds the peak so far. Not by more than a
+        tolerance: from the end of the last step to a top that is higher by a relative 1e-10
+        derivatives may change by 1e-5.
         """
+        # The step has been chosen, and is the same for a response and its companions.
+        path = materialize(expansion.change_last_terms(expansion.path))
         # Decisions have no derivatives. The end of a step may have one: where the input has a
         # corner.
-        fixed, length, allowed = jax.lax.stop_gradient((path, step, peak * (1 + tolerance)))
+        fixed, length, allowed = jax.lax.stop_gradient((path, step, peak))
         end, end_slope = evaluate_derivatives(fixed, length, 2)
         first = length * fixed[1]
         second = length * length * fixed[2]
@@ -96,12 +108,12 @@ class StepFlight(eqx.Module):
 
         # The root of the rotation, or of its slope.
         at_top = event >= _TOP
-        slope = (*differentiate(path), 0.0)
+        slope = (*differentiate(fixed), 0.0)
         sought = materialize(
-            tuple(jnp.where(at_top, *pair) for pair in zip(slope, path, strict=True))
+            tuple(jnp.where(at_top, *pair) for pair in zip(slope, fixed, strict=True))
         )
         root, located = _locate_root(sought, length, jnp.where(at_top, end_slope, end))
-        first_one = _is_first(*jax.lax.stop_gradient((sought, at_top, largest, root)))
+        first_one = _is_first(sought, at_top, largest, root)
         # A step shorter than rounding, or not finite, is taken as it is: no shorter one would
         # tell more, and the lane would never end.
         long = length > 4 * float(jnp.finfo(length.dtype).eps)
@@ -109,16 +121,15 @@ class StepFlight(eqx.Module):
         blocked = ~(found | (event == _NONE)) & long & jnp.isfinite(end)
         found, blocked, root = materialize((found, blocked, root))
         ends = found & (event != _TOP)
-        time = materialize(jnp.where(blocked, 0, jnp.where(ends, root, step)))
-
-        rotation, velocity = evaluate_derivatives(path, time, 2)
+        step = jnp.where(blocked, 0, step)
+        time, rotation, velocity, top, _ = _fly(launch, expansion, path, step, root, ends, at_top)
         lands = ends & ~at_top
         # Never on the ground without an impact, which could not be located from there.
         positive = jnp.maximum(rotation, float(jnp.finfo(length.dtype).tiny))
-        positive = jnp.where(blocked, path[0], positive)
+        positive = jnp.where(blocked, launch.rotation, positive)
 
         rotation = materialize(jnp.where(lands, 0, positive))
-        top = jnp.where(found & at_top, materialize(evaluate(path, root)), 0)
+        top = jnp.where(found & at_top, top, 0)
 
         # A bounce is as long as this, and half of it is the time of a dip.
         turn = -fixed[1] / jnp.where(fixed[2] == 0, 1, fixed[2])
@@ -134,6 +145,78 @@ class StepFlight(eqx.Module):
             blocked=blocked,
             step_limit=jnp.where(short, turn, 0.5 * length),
         )
+
+
+class _Flown(NamedTuple):
+    time: Reals
+    rotation: Reals  # at this time, like the velocity
+    velocity: Reals
+    top: Reals  # rotation at the root
+    root: Reals
+
+
+@jax.custom_jvp
+def _fly(
+    launch: Launch,
+    expansion: Expansion,
+    path: Coefficients,
+    step: Reals,
+    root: Reals,
+    ends: Booleans,
+    at_top: Booleans,
+) -> _Flown:
+    """Follow a path up to a step, or where it `ends` before it to a root."""
+    del launch, expansion, at_top
+    time = materialize(jnp.where(ends, root, step))
+    rotation, velocity = evaluate_derivatives(path, time, 2)
+    return _Flown(time, rotation, velocity, materialize(evaluate(path, root)), root)
+
+
+@_fly.defjvp
+def _differentiate_flight(primals: tuple, tangents: tuple) -> tuple[_Flown, _Flown]:
+    """Differentiate by weights on all that the path follows from, the same for all directions.
+
+    They follow from the variational equation, transposed, so that another parameter costs no
+    more than its products with the weights. Roots move by the implicit function theorem.
+    """
+    launch, expansion, _, _, _, ends, at_top = primals
+    slopes, _, _, step_slope, *_ = tangents
+    flown = _fly(*primals)
+    # With the derivatives that second derivatives need.
+    order = len(expansion.path) - 1
+    expansion = Expansion.of(launch, order, expansion.companion, expansion.linearized)
+    path = expansion.change_last_terms(expansion.path)
+    time, root = flown.time, flown.root
+
+    def weigh(time: Reals, order: int) -> Reals:
+        """Compute how the rotation at a time, or its rate, moves with the launch."""
+
+        def move(launch: Launch) -> Reals:
+            moved = expansion.change_last_terms(expansion.differentiate_path(launch))
+            return evaluate(differentiate(moved) if order else moved, time)
+
+        (weights,) = jax.linear_transpose(move, launch)(jnp.ones_like(time))
+        products = jax.tree.map(jnp.multiply, materialize(weights), slopes)
+        return jax.tree.reduce(jnp.add, products)
+
+    rotation, velocity = weigh(time, 0), weigh(time, 1)
+    top, top_rate = weigh(root, 0), weigh(root, 1)
+
+    def find_move(time: Reals, rotation: Reals, velocity: Reals) -> Reals:
+        """Find how a root moves from how rotation and velocity do at its time."""
+        _, slope, bend = evaluate_derivatives(path, time, 3)
+        steep = jnp.where(at_top, bend, slope)
+        return -jnp.where(at_top, velocity, rotation) / jnp.where(steep < 0, steep, -1)
+
+    shift = jnp.where(ends, find_move(time, rotation, velocity), step_slope)
+    _, rate, acceleration = evaluate_derivatives(path, time, 3)
+    return flown, _Flown(
+        time=shift,
+        rotation=rotation + rate * shift,
+        velocity=velocity + acceleration * shift,
+        top=top,
+        root=find_move(root, top, top_rate),
+    )
 
 
 def _least(*values: Reals | float) -> Reals:

@@ -19,6 +19,10 @@ from .initial_state import InitialState
 from .taylor import tilt_sine_cosine
 
 
+# The answers of which derivatives may be wanted, as a real like all other numbers.
+PEAK_ROTATION, ROTATION_RATIO, MARGIN = 0.0, 1.0, 2.0
+
+
 class StepControl(NamedTuple):
     """The length of each step of a block, and the terms of its polynomial that count.
 
@@ -42,9 +46,11 @@ class BatchArguments(NamedTuple):
     duration: HostNumbers  # for which the block is followed [s]
     rotation: HostNumbers | None  # initial, signed [rad]; None, like the velocity, at rest
     velocity: HostNumbers | None  # initial, signed [rad/s]
-    motion: (
-        HostNumbers  # index of the motion, where there are several; a real as all the others
-    )
+    # Index of the motion, where there are several; a real as all the others.
+    motion: HostNumbers
+    # What derivatives are wanted of, and how these numbers move with each parameter.
+    answer: HostNumbers | None = None
+    directions: tuple["BatchArguments", ...] | None = None
 
 
 class Case(eqx.Module):
@@ -60,6 +66,7 @@ class Case(eqx.Module):
     duration: PerBlock
     excitation: Excitation
     control: StepControl
+    answer: PerBlock | None  # None where no derivatives are asked for
 
 
 class PreparedBlocks(NamedTuple):
@@ -145,5 +152,6 @@ def prepare_blocks(
         duration=duration,
         excitation=excitation,
         control=jax.lax.stop_gradient(arguments.control),
+        answer=arguments.answer,
     )
     return PreparedBlocks(case, initial, unit, valid)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ...validation import Integers, Reals
+from .coincidences import AnswerEvents
 from .ground_input import GroundInput
 from .initial_state import InitialState
 from .prepared_blocks import Case
@@ -31,10 +32,17 @@ class FinalStates(NamedTuple):
     impacts: Reals
     impact_sum: Reals
     finished: Reals  # 1 if simulated to the end, otherwise 0
+    events: AnswerEvents | None  # with coincidences, like the second highest rotation
+    second_peak: Reals | None
 
     @classmethod
     def of(cls, lanes: Lanes, case: Case) -> "FinalStates":
         """Collect the states of all lanes, finished or not."""
+        events = second_peak = None
+        if lanes.coincidences is not None:
+            events = lanes.coincidences.answer
+            events = events._replace(sequence=events.sequence.astype(lanes.peak.dtype))
+            second_peak = lanes.coincidences.find_second_peak()
         return cls(
             peak=lanes.peak,
             rotation=lanes.side * lanes.rotation,
@@ -45,6 +53,8 @@ class FinalStates(NamedTuple):
             impacts=lanes.impacts.astype(lanes.peak.dtype),
             impact_sum=lanes.impact_sum,
             finished=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
+            events=events,
+            second_peak=second_peak,
         )
 
 
@@ -63,8 +73,12 @@ def work_off(
     count: Integers | int,
     lanes: int,
     step: Callable[[Lanes, Case], Lanes],
+    watched: bool,
 ) -> FinalStates:
-    """Take the first `count` blocks of a queue from time 0 to their ends, by `step`."""
+    """Take the first `count` blocks of a queue from time 0 to their ends, by `step`.
+
+    With coincidences if `watched`.
+    """
     dtype = queue.duration.dtype
     size = queue.duration.size
     # One gather of rows, as for the results. It costs 7 % of a batch of pulses: blocks that
@@ -76,7 +90,7 @@ def work_off(
         lanes, block, case, taken, results = progress
         idle = ~lanes.are_active(case)
         # One scatter of rows: an array for each result would need eight.
-        rows = jnp.stack(FinalStates.of(lanes, case), axis=-1)
+        rows = jnp.stack(jax.tree.leaves(FinalStates.of(lanes, case)), axis=-1)
         results = results.at[jnp.where(idle, block, size)].set(rows)
 
         # Idle lanes are numbered, and take blocks from the queue in that order.
@@ -98,7 +112,7 @@ def work_off(
         if next_initial is not None:
             # Here and once: XLA would gather them for each number that a lane begins with.
             state = materialize(InitialState(*next_initial.T))
-        next_lanes = Lanes.begin(state, case, resting)
+        next_lanes = Lanes.begin(state, case, resting, watched)
         lanes = jax.tree.map(replace, next_lanes, lanes)
         return _Progress(lanes, block, case, jnp.minimum(taken + number[-1], count), results)
 
@@ -117,18 +131,20 @@ def work_off(
 
     # Lanes begin as if they had finished some block, whose result nobody reads.
     any_case = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue)
+    idle = Lanes.at_rest(any_case.excitation.intervals, dtype, watched)
+    final = FinalStates.of(idle, any_case)
     begin = _Progress(
-        lanes=Lanes.at_rest(any_case.excitation.intervals, dtype),
+        lanes=idle,
         block=jnp.full(lanes, size, jnp.int32),
         case=any_case,
         taken=jnp.zeros((), jnp.int32),
-        results=jnp.zeros((size + 1, len(FinalStates._fields)), dtype),
+        results=jnp.zeros((size + 1, len(jax.tree.leaves(final))), dtype),
     )
     # The last turn only stores results: what refills before the loop as well is compiled twice.
     *_, results = jax.lax.while_loop(
         lambda progress: (progress.taken < count) | (progress.block < size).any(), go_on, begin
     )
-    return FinalStates(*results[:-1].T)
+    return jax.tree.unflatten(jax.tree.structure(final), list(results[:-1].T))
 
 
 def _sum_up(x: Integers) -> Integers:

@@ -38,9 +38,16 @@ from ...validation import (
 from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
 from ..scene import UP_TO_ITS_SIDE, check_initial_state
 from .batch import Batch
+from .coincidences import AnswerEvents, Nearest
 from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
-from .prepared_blocks import BatchArguments, Case, prepare_blocks
+from .prepared_blocks import (
+    MARGIN,
+    ROTATION_RATIO,
+    BatchArguments,
+    Case,
+    prepare_blocks,
+)
 from .queue import work_off
 from .record_input import RecordInput
 from .step import Lanes, take_step
@@ -73,6 +80,20 @@ class SimulatedBatch(NamedTuple):
     response: "BatchResponse"
     impact_sum: Reals
     impact_unit: Reals  # square of the velocity before an impact that sends it to its peak
+    answer: "SimulatedAnswer | None" = None  # where derivatives or coincidences are wanted
+    # Of the reals of the answer, an axis for the parameters behind that of the blocks.
+    slopes: "SimulatedAnswer | None" = None
+
+
+class SimulatedAnswer(NamedTuple):
+    """An answer, and the events from which it comes."""
+
+    value: Reals  # NaN for the peak of a block that overturns
+    events: AnswerEvents
+    # The nearest coincidences behind those of the events: where another top becomes the highest,
+    # or the other of both margins the smaller one, and where the block overturns.
+    change: Nearest
+    overturning: Nearest
 
 
 class BatchResponse(Printed, eqx.Module):
@@ -134,12 +155,40 @@ def _follow_rows(
 ) -> SimulatedBatch:
     """Follow the blocks of the first `count` columns, whose rows are their arguments."""
     arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
+    directions = arguments.directions
+    arguments = arguments._replace(directions=None)
+    if directions is None:
+        return _follow(ground, arguments, count, program, lanes)
+    along = jax.tree.map(lambda *leaves: jnp.stack(leaves), *directions)
+    moves = jax.tree.map(lambda part: part is not None, along, is_leaf=lambda part: part is None)
+    moving, fixed = eqx.partition(arguments, moves)
+
+    def follow(moving: BatchArguments) -> tuple[SimulatedAnswer, SimulatedBatch]:
+        simulated = _follow(ground, eqx.combine(moving, fixed), count, program, lanes)
+        return simulated.answer, simulated
+
+    def differentiate(along: BatchArguments) -> tuple[SimulatedAnswer, SimulatedBatch]:
+        return jax.jvp(follow, (moving,), (along,), has_aux=True)[1:]
+
+    slopes, simulated = jax.vmap(differentiate, out_axes=(-1, None))(along)
+    return simulated._replace(slopes=slopes)
+
+
+def _follow(
+    ground: GroundInput,
+    arguments: BatchArguments,
+    count: Integers | int,
+    program: _Program,
+    lanes: int,
+) -> SimulatedBatch:
+    """Follow the first `count` blocks."""
     case, initial, unit, valid = prepare_blocks(ground, arguments, program.model)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
         return take_step(lanes, case, ground, program.order)
 
-    ends = work_off(ground, case, initial, count, lanes, step)
+    watched = case.answer is not None
+    ends = work_off(ground, case, initial, count, lanes, step, watched)
     # In as few bytes as a boolean: statuses of large batches are copied like all else.
     status = jnp.where(ends.finished > 0, Status.COMPLETE, Status.STOPPED)
     status = jnp.where(valid, status, Status.INVALID).astype(jnp.int8)
@@ -175,7 +224,24 @@ def _follow_rows(
     # the velocity that it leaves, if it leaves any.
     arriving = leaving / jnp.maximum(case.restitution, 0.25)
     sums = jax.lax.stop_gradient((ends.impact_sum / case.duration, arriving * arriving))
-    return SimulatedBatch(response, *sums)
+    simulated = SimulatedBatch(response, *sums)
+    if ends.events is None:
+        return simulated
+    peak = jnp.where(overturned, jnp.nan, response.peak_rotation)
+    ratio = peak / arguments.block.critical_angle
+    of_peak = case.answer != MARGIN
+    value = jnp.where(case.answer == ROTATION_RATIO, ratio, peak)
+    zero = jnp.zeros_like(peak)
+    none = Nearest(zero, zero)
+    gap = jnp.where(of_peak, ends.peak - ends.second_peak, jnp.abs(after_impact - before_impact))
+    return simulated._replace(
+        answer=SimulatedAnswer(
+            value=jnp.where(of_peak, value, response.margin),
+            events=ends.events._replace(lifted=ends.events.lifted * unit),
+            change=none.include(gap, complete),
+            overturning=none.include(margin, of_peak),
+        )
+    )
 
 
 # Inside of transformations, where options of the compiler are not allowed. Without this, the
@@ -325,7 +391,7 @@ def simulate_batch(
     else:
         result = _share_out(ground, rows, program)
     shape = batch.shape
-    return jax.tree.map(lambda leaf: leaf.reshape(shape), result)
+    return jax.tree.map(lambda leaf: leaf.reshape(shape + leaf.shape[1:]), result)
 
 
 def _share_out(ground: GroundInput, rows: HostReals, program: _Program) -> SimulatedBatch:
@@ -377,7 +443,7 @@ def _share_out(ground: GroundInput, rows: HostReals, program: _Program) -> Simul
         separate = map_in_threads(follow_piece, range(pieces), min(workers, pieces))
 
     def put_together(*parts: np.ndarray) -> np.ndarray:
-        whole = np.empty(size, parts[0].dtype)
+        whole = np.empty((size, *parts[0].shape[1:]), parts[0].dtype)
         for k, part in enumerate(parts):
             whole[order[k::pieces]] = part
         return whole

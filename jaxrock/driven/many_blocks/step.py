@@ -45,23 +45,24 @@ from ...impact import side_after_impact, velocity_after_impact
 from ...numerics import pick_larger
 from ...validation import Booleans, Integers, Reals
 from ..overturning_criterion import TOPPLED_ROTATION
+from .coincidences import Coincidences
 from .flight import LONGEST_STEP, StepFlight
 from .ground_input import (
     CountPerBlock,
     GroundInput,
-    HostNumbers,
     PerBlock,
     TruthPerBlock,
     rounding_margin,
 )
 from .initial_state import InitialState
-from .prepared_blocks import Case
+from .prepared_blocks import MARGIN, Case
 from .taylor import (
     Coefficients,
+    Expansion,
+    Launch,
     choose_step,
     differentiate,
     evaluate,
-    expand_rotation,
     materialize,
 )
 
@@ -89,10 +90,11 @@ class Lanes(eqx.Module):
     end_rotation: PerBlock  # at the end of the input, or now if that is earlier
     end_velocity: PerBlock
     end_impacts: CountPerBlock
+    coincidences: Coincidences | None = None  # where somebody asks for them
 
     @classmethod
-    def at_rest(cls, interval: Integers, dtype: DTypeLike) -> "Lanes":
-        """Blocks that have not moved, in an interval."""
+    def at_rest(cls, interval: Integers, dtype: DTypeLike, watched: bool = False) -> "Lanes":
+        """Blocks that have not moved, in an interval; with coincidences if `watched`."""
         zero = jnp.zeros(interval.shape, dtype)
         count = jnp.zeros_like(interval)
         return cls(
@@ -110,18 +112,21 @@ class Lanes(eqx.Module):
             end_rotation=zero,
             end_velocity=zero,
             end_impacts=count,
+            coincidences=Coincidences.none(zero) if watched else None,
         )
 
     @classmethod
-    def begin(cls, initial: InitialState | None, case: Case, resting: Integers) -> "Lanes":
+    def begin(
+        cls, initial: InitialState | None, case: Case, resting: Integers, watched: bool
+    ) -> "Lanes":
         """Blocks at time 0; those at rest in the interval `resting`, which may lift them."""
         if initial is None:
-            return cls.at_rest(resting, case.duration.dtype)
+            return cls.at_rest(resting, case.duration.dtype, watched)
         intervals = case.excitation.intervals
         toppled = initial.rotation >= TOPPLED_ROTATION
         moves = (initial.rotation != 0) | (initial.velocity != 0)
         return replace(
-            cls.at_rest(resting, initial.rotation.dtype),
+            cls.at_rest(resting, initial.rotation.dtype, watched),
             interval=jnp.where(toppled, intervals, jnp.where(moves, 0, resting)),
             elapsed=initial.elapsed,
             side=initial.side,
@@ -186,19 +191,21 @@ def take_step(
     lifted, wait, uplift_side = materialize((lifted, wait, uplift_side))
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
-    path = expand_rotation(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
     tolerance, companion = case.control
+    block = case.equation.p_squared, case.equation.critical_angle
+    launch = Launch(*block, lanes.rotation, lanes.velocity, push, lift)
+    expansion = Expansion.of(
+        jax.lax.stop_gradient(launch), order, companion, case.equation.linearized
+    )
     longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step)
     step = jnp.minimum(
         jnp.where(companion == 2, _SHORTER * longest, longest),
         jnp.minimum(time_left, lanes.step_limit),
     )
     step = materialize(
-        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, tolerance)), 0)
+        jnp.where(lanes.moves, jnp.minimum(step, choose_step(expansion.path, tolerance)), 0)
     )
-    # After the choice of the step, so that it is the same for a response and its companions.
-    path = _change_last_terms(path, companion)
-    flight = StepFlight.of(path, step, lanes.moves, lanes.peak, tolerance)
+    flight = StepFlight.of(expansion, launch, step, lanes.moves, lanes.peak)
     arriving = jnp.abs(flight.velocity)
     leaving = velocity_after_impact(case.restitution, arriving, case.equation.velocity_unit)
     settles, bounce = _settle(case, push, lift, flight, step, leaving, lanes.peak)
@@ -240,9 +247,23 @@ def take_step(
         settles, case.bounces, 1
     )
     energy = jax.lax.stop_gradient(jnp.where(counts, weight * arriving * arriving, 0))
+    interval = jnp.where(ended, intervals, interval)
+    coincidences = lanes.coincidences
+    if coincidences is not None:
+        new_peak = lanes.moves & (flight.highest > lanes.peak)
+        coincidences = coincidences.add_step(
+            flight,
+            (lanes.rotation, lanes.velocity, lanes.peak),
+            moves=lanes.moves,
+            lifted=lifted,
+            settles=settles,
+            time=begin + lanes.elapsed + wait,
+            input_ends=before_end & (interval >= intervals),
+            counts=jnp.where(case.answer == MARGIN, before_end, new_peak),
+        )
     return materialize(
         Lanes(
-            interval=jnp.where(ended, intervals, interval),
+            interval=interval,
             elapsed=jnp.where(arrives, 0, lanes.elapsed + taken),
             side=side,
             rotation=rotation,
@@ -256,20 +277,9 @@ def take_step(
             end_rotation=jnp.where(before_end, rotation, lanes.end_rotation),
             end_velocity=jnp.where(before_end, velocity, lanes.end_velocity),
             end_impacts=jnp.where(before_end, impacts, lanes.end_impacts),
+            coincidences=coincidences,
         )
     )
-
-
-def _change_last_terms(path: Coefficients, companion: HostNumbers) -> Coefficients:
-    """Omit the last term for companions, and the one before for the first of them.
-
-    The second one has it twice: where the errors of both terms cancel in one companion, they add
-    up in the other.
-    """
-    *terms, before_last, last = path
-    changed = jnp.where(companion == 2, 2 * before_last, 0)
-    before_last = jnp.where(companion == 0, before_last, changed)
-    return (*terms, before_last, jnp.where(companion == 0, last, 0))
 
 
 def _settle(

@@ -6,19 +6,21 @@ own dense output.
 """
 
 import math
-from typing import cast
+from typing import NamedTuple, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
-from ...validation import Number, Reals
+from ...validation import Booleans, Number, Reals
 from ..equation import Equation
 from .single_kernels import materialize
 
 Coefficients = tuple[Reals | float, ...]
 
 
+@jax.custom_jvp
 def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
     """Sine and cosine of angles up to pi / 2, to 2 eps.
 
@@ -34,6 +36,16 @@ def sine_cosine(angle: Reals) -> tuple[Reals, Reals]:
     return angle * sine, cosine
 
 
+@sine_cosine.defjvp
+def _turn_sine_cosine(
+    primals: tuple[Reals], tangents: tuple[Reals]
+) -> tuple[tuple[Reals, Reals], tuple[Reals, Reals]]:
+    # The derivatives of the polynomials would be polynomials as long as they are.
+    sine, cosine = sine_cosine(*primals)
+    (turn,) = tangents
+    return (sine, cosine), (cosine * turn, -sine * turn)
+
+
 def tilt_sine_cosine(equation: Equation, tilt: Reals) -> tuple[Reals, Reals]:
     """Compute sine and cosine of a tilt from balance, as the equation of motion has them."""
     if equation.linearized:
@@ -46,51 +58,109 @@ def _multiply(a: Coefficients, b: Coefficients, k: int) -> Reals | float | int:
     return sum(a[j] * b[k - j] for j in range(len(a)) if 0 <= k - j < len(b))
 
 
-def expand_rotation(
-    equation: Equation,
-    rotation: Reals,
-    velocity: Reals,
-    push: Coefficients,
-    lift: Coefficients,
-    order: int,
-) -> tuple[Reals, ...]:
-    """Expand the rotation in time, up to an order, from the series of the ground.
+class Launch(NamedTuple):
+    """What the motion in a step follows from."""
 
-    With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give the
-    coefficients of sine and cosine one after the other.
-    """
-    c: list[Reals] = [rotation, velocity]
-    tilt = equation.critical_angle - rotation
-    rate: list[Reals] = [-velocity]  # coefficients of q'
-    sine: list[Reals | float]
-    cosine: list[Reals | float]
-    if equation.linearized:
-        sine = [tilt]
-        cosine = [1.0]
-    else:
-        # A barrier, as for the higher coefficients below: each of them enters all later ones.
-        first_sine, first_cosine = materialize(sine_cosine(tilt))
-        sine = [first_sine]
-        cosine = [first_cosine]
-    for k in range(order - 1):
-        if k and equation.linearized:
-            sine.append(rate[k - 1] * (1 / k))
-        elif k:
-            parts = tuple(
-                _multiply(tuple(rate), tuple(part), k - 1) for part in (cosine, sine)
-            )
-            next_sine, next_cosine = materialize((parts[0] * (1 / k), parts[1] * (-1 / k)))
-            sine.append(next_sine)
-            cosine.append(next_cosine)
-        pull = sine[k] + _multiply(tuple(sine), lift, k)
-        acceleration = (_multiply(tuple(cosine), push, k) - pull) * equation.p_squared
-        c.append(materialize(acceleration * (1 / ((k + 1) * (k + 2)))))
-        if k == 0:
-            # Lifted at this moment, a block does not accelerate to the ground: rounding may.
-            starts = (rotation == 0) & (velocity == 0)
-            c[2] = jnp.where(starts, jnp.maximum(c[2], 0), c[2])
-        rate.append(-(k + 2) * c[-1])
-    return tuple(c)
+    p_squared: Reals
+    critical_angle: Reals
+    rotation: Reals
+    velocity: Reals
+    push: Coefficients
+    lift: Coefficients
+
+    @property
+    def starts(self) -> Booleans:
+        """True for blocks that are lifted at this moment."""
+        return (self.rotation == 0) & (self.velocity == 0)
+
+
+class Expansion(eqx.Module):
+    """The Taylor polynomial of the rotation in time, from the series of the ground."""
+
+    launch: Launch
+    path: Coefficients  # of the rotation
+    sine: Coefficients  # of the tilt from balance, and its cosine
+    cosine: Coefficients
+    companion: Reals  # whose last terms are changed; see `StepControl`
+    linearized: bool = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls, launch: Launch, order: int, companion: Reals, linearized: bool
+    ) -> "Expansion":
+        """Expand up to an order.
+
+        With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give
+        the coefficients of sine and cosine one after the other.
+        """
+        p_squared, angle, rotation, velocity, push, lift = launch
+        c: list[Reals] = [rotation, velocity]
+        tilt = angle - rotation
+        rate: list[Reals] = [-velocity]  # coefficients of q'
+        sine: list[Reals | float]
+        cosine: list[Reals | float]
+        if linearized:
+            sine = [tilt]
+            cosine = [1.0]
+        else:
+            # A barrier, as for the higher coefficients below: each enters all later ones.
+            first_sine, first_cosine = materialize(sine_cosine(tilt))
+            sine = [first_sine]
+            cosine = [first_cosine]
+        for k in range(order - 1):
+            if k and linearized:
+                sine.append(rate[k - 1] * (1 / k))
+            elif k:
+                parts = tuple(
+                    _multiply(tuple(rate), tuple(part), k - 1) for part in (cosine, sine)
+                )
+                both = materialize((parts[0] * (1 / k), parts[1] * (-1 / k)))
+                sine.append(both[0])
+                cosine.append(both[1])
+            pull = sine[k] + _multiply(tuple(sine), lift, k)
+            acceleration = (_multiply(tuple(cosine), push, k) - pull) * p_squared
+            c.append(materialize(acceleration * (1 / ((k + 1) * (k + 2)))))
+            if k == 0:
+                # Lifted at this moment, a block does not accelerate to the ground: rounding
+                # may.
+                c[2] = jnp.where(launch.starts, jnp.maximum(c[2], 0), c[2])
+            rate.append(-(k + 2) * c[-1])
+        return cls(launch, tuple(c), tuple(sine), tuple(cosine), companion, linearized)
+
+    def differentiate_path(self, slopes: Launch) -> Coefficients:
+        """Solve the variational equation: how the path moves with its launch, linearly.
+
+        The derivatives of the recurrences of `of`, which are the same, are four times as many.
+        """
+        launch = self.launch
+        path = [slopes.rotation, slopes.velocity]
+        stiffness = []  # the derivative of the acceleration over the rotation
+        for k in range(len(self.path) - 2):
+            straight = self.cosine[k] if k < len(self.cosine) else 0.0
+            bent = 0.0 if self.linearized else _multiply(self.sine, launch.push, k)
+            total = straight + bent + _multiply(self.cosine, launch.lift, k)
+            stiffness.append(materialize(launch.p_squared * total))
+            change = _multiply(self.cosine, slopes.push, k)
+            change -= _multiply(self.sine, slopes.lift, k)
+            change = launch.p_squared * change - stiffness[k] * slopes.critical_angle
+            change += _multiply(tuple(stiffness), tuple(path), k)
+            change *= 1 / ((k + 1) * (k + 2))
+            change += self.path[k + 2] * (slopes.p_squared / launch.p_squared)
+            if k == 0:
+                change = jnp.where(launch.starts & (self.path[2] <= 0), 0, change)
+            path.append(materialize(change))
+        return tuple(path)
+
+    def change_last_terms(self, path: Coefficients) -> Coefficients:
+        """Omit the last term for companions, and the one before for the first of them.
+
+        The second one has it twice: where the errors of both terms cancel in one companion,
+        they add up in the other.
+        """
+        *terms, before_last, last = path
+        changed = jnp.where(self.companion == 2, 2 * before_last, 0)
+        before_last = jnp.where(self.companion == 0, before_last, changed)
+        return (*terms, before_last, jnp.where(self.companion == 0, last, 0))
 
 
 def evaluate(c: Coefficients, time: Reals) -> Reals:

@@ -42,7 +42,13 @@ from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check, check_concrete
 from .batch import Batch, choose_step_tolerance
 from .prepared_blocks import StepControl
-from .respond_many import BatchResponse, SimulatedBatch, check_batch, simulate_batch
+from .respond_many import (
+    BatchResponse,
+    SimulatedAnswer,
+    SimulatedBatch,
+    check_batch,
+    simulate_batch,
+)
 
 # Tolerances on offer, by the number of bits.
 TOLERANCES = {64: (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13), 32: (1e-2, 1e-3, 1e-4, 1e-5)}
@@ -175,38 +181,95 @@ def respond_within(
 
 def follow_within(batch: Batch, tolerance: float, model: RockingModel) -> EstimatedResponse:
     """Simulate a concrete batch, as `respond_within` does once it has checked."""
+    return _reach_tolerance(batch, tolerance, model)[0]
+
+
+def differentiate_within(
+    batch: Batch, tolerance: float, model: RockingModel, at: np.ndarray
+) -> tuple[EstimatedResponse, SimulatedAnswer, SimulatedAnswer, np.ndarray]:
+    """Differentiate the answer of a concrete batch along its directions; see `respond_within`.
+
+    The derivative runs beside the response and its companions, so that its error is estimated
+    as that of the response is.
+
+    Parameters
+    ----------
+    batch, tolerance, model
+        The batch has an answer and directions.
+    at : ndarray, shape (..., parameters)
+        Parameters x. An error is within the tolerance relative to the larger of the magnitudes of
+        ``dy / dx`` and ``y / x``.
+
+    Returns
+    -------
+    EstimatedResponse, SimulatedAnswer, SimulatedAnswer, ndarray
+        The responses, the answers with their slopes, and the absolute errors of the slopes.
+    """
+    response, estimate = _reach_tolerance(batch, tolerance, model, at.reshape(-1, at.shape[-1]))
+    results = estimate.simulated.answer, estimate.simulated.slopes, estimate.slope_error
+    shaped = jax.tree.map(lambda leaf: leaf.reshape(batch.shape + leaf.shape[1:]), results)
+    return response, *shaped
+
+
+def _reach_tolerance(
+    batch: Batch, tolerance: float, model: RockingModel, at: np.ndarray | None = None
+) -> tuple[EstimatedResponse, "_Estimate"]:
+    """Simulate in two rounds; the table above says which responses and companions."""
     levels = TOLERANCES[np.finfo(batch.dtype).bits]
     first = min(sum(level > tolerance for level in levels), len(levels) - 2)
     # Round 1: all blocks. Under records few of them need the second companion.
     few = batch.ground.input.intervals_end_steps
-    estimate = _estimate(batch, model, levels[first : first + 2], tolerance, at_once=not few)
+    options = tolerance, model, at
+    estimate = _estimate(batch, *options, levels[first : first + 2], at_once=not few)
 
     # Round 2: the blocks for which round 1 fails.
-    (places,) = np.nonzero(estimate.error > tolerance)
+    (places,) = np.nonzero(~estimate.suffices(tolerance, at))
     if places.size and first + 2 < len(levels):
-        better = _estimate(batch.select(places), model, levels[-2:], tolerance, at_once=True)
+        options = tolerance, model, None if at is None else at[places]
+        better = _estimate(batch.select(places), *options, levels[-2:], at_once=True)
         for leaf, new in zip(jax.tree.leaves(estimate), jax.tree.leaves(better), strict=True):
             leaf[places] = new
-    within_tolerance = (estimate.error <= tolerance) & estimate.response.complete
-    result = (*estimate, within_tolerance)
-    shaped = jax.tree.map(lambda leaf: leaf.reshape(batch.shape), result)
-    return EstimatedResponse(*jax.device_put(shaped))
+    within_tolerance = (estimate.error <= tolerance) & estimate.simulated.response.complete
+    response = estimate.simulated.response, *estimate[1:4], within_tolerance
+    shaped = jax.tree.map(lambda leaf: leaf.reshape(batch.shape), response)
+    return EstimatedResponse(*jax.device_put(shaped)), estimate
 
 
 class _Estimate(NamedTuple):
-    """Responses and their errors, as in `EstimatedResponse`; all one-dimensional."""
+    """Responses and their errors, as in `EstimatedResponse`; one-dimensional but for slopes."""
 
-    response: BatchResponse
+    simulated: SimulatedBatch
     rtol: np.ndarray
     error: np.ndarray
     cheapest: np.ndarray
+    slope_error: np.ndarray | None  # absolute, shape (blocks, parameters)
+
+    def suffices(self, tolerance: float, at: np.ndarray | None) -> np.ndarray:
+        """Return whether the errors of a response and of all its slopes are within a tolerance."""
+        enough = self.error <= tolerance
+        if at is None:
+            return enough
+        allowed = tolerance * find_slope_scale(self.simulated.answer, self.simulated.slopes, at)
+        # The peak of a block that overturns has no slopes.
+        fine = (self.slope_error <= allowed) | np.isnan(self.simulated.answer.value)[:, None]
+        return enough & fine.all(-1)
+
+
+def find_slope_scale(
+    answer: SimulatedAnswer, slopes: SimulatedAnswer, at: np.ndarray
+) -> np.ndarray:
+    """Find what errors of slopes are relative to: ``max(abs(dy / dx), abs(y / x))``."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        secant = np.abs(answer.value[..., None] / at)
+    return np.fmax(np.abs(slopes.value), secant)
 
 
 def _estimate(
     batch: Batch,
-    model: RockingModel,
-    levels: Sequence[float],
     tolerance: float,
+    model: RockingModel,
+    at: np.ndarray | None,
+    levels: Sequence[float],
     *,
     at_once: bool,
 ) -> _Estimate:
@@ -237,13 +300,26 @@ def _estimate(
             control=StepControl(step_tolerance, index.astype(dtype)),
         )
         simulated = simulate_batch(repeated, model)
-        flat = jax.tree.map(lambda leaf: leaf.reshape(len(companions), -1), simulated)
+        size = math.prod(part.shape)
+        axes = len(repeated.shape)
+        flat = jax.tree.map(
+            lambda leaf: leaf.reshape(len(companions), size, *leaf.shape[axes:]), simulated
+        )
         return [_select(flat, k) for k in range(len(companions))]
 
     best, companion, *others = simulate(batch, 0, 1, 2) if at_once else simulate(batch, 0, 1)
     divergence = _compare_sums(companion, best)
+    least = max(_LEAST * rtol, slip - 1)
     first_bound = np.maximum(_bound_error(companion, best), _LEAST * rtol)
-    error = np.maximum(first_bound, slip - 1)
+    first_slopes = _bound_slope_errors(companion, best, least)
+    estimate = _Estimate(
+        simulated=best,
+        rtol=np.full_like(first_bound, rtol),
+        error=np.maximum(first_bound, slip - 1),
+        # A response at the looser tolerance is more accurate than the first companion, too.
+        cheapest=np.full_like(first_bound, looser),
+        slope_error=first_slopes,
+    )
 
     # One companion may agree by chance. So the second one is computed where errors are
     # amplified. It is more accurate, and its input is perturbed to the other side: if the
@@ -253,18 +329,20 @@ def _estimate(
     # likelier: there the second companion is always computed.
     amplified = ~(divergence <= min(_AMPLIFICATION, 10 * looser))
     amplified |= not batch.ground.input.intervals_end_steps
-    (places,) = np.nonzero((error > tolerance) | amplified)
+    (places,) = np.nonzero(~estimate.suffices(tolerance, at) | amplified)
     if places.size:
         if at_once:
             companion = _select(others[0], places)
         else:
             (companion,) = simulate(batch.select(places), 2)
-        least = max(_LEAST * rtol, slip - 1)
-        second_bound = np.maximum(_bound_error(companion, _select(best, places)), least)
-        error[places] = np.maximum(second_bound, first_bound[places] / _ERROR_RATIO)
-    # A response at the looser tolerance is more accurate than the first companion, too.
-    cheapest = np.where(error <= tolerance, looser, rtol).astype(dtype)
-    return _Estimate(best.response, np.full_like(error, rtol), error, cheapest)
+        part = _select(best, places)
+        second_bound = np.maximum(_bound_error(companion, part), least)
+        estimate.error[places] = np.maximum(second_bound, first_bound[places] / _ERROR_RATIO)
+        if first_slopes is not None:
+            second_slopes = _bound_slope_errors(companion, part, least)
+            first_slopes[places] = np.maximum(second_slopes, first_slopes[places] / _ERROR_RATIO)
+    estimate.cheapest[~(estimate.error <= tolerance)] = rtol
+    return estimate
 
 
 def _select(simulated: SimulatedBatch, index: np.ndarray | int) -> SimulatedBatch:
@@ -284,6 +362,18 @@ def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
     bits = np.finfo(after.margin.dtype).bits
     same &= _compare_sums(worse, better) <= _SAME_TRAJECTORY[bits]
     return np.where(same, _SAFETY * difference, np.inf)
+
+
+def _bound_slope_errors(
+    worse: SimulatedBatch, better: SimulatedBatch, least: float
+) -> np.ndarray | None:
+    """Bound the errors of the slopes of the better simulation by a worse one."""
+    if better.slopes is None:
+        return None
+    slopes = better.slopes.value
+    difference = _SAFETY * np.abs(worse.slopes.value - slopes)
+    same = np.isfinite(_bound_error(worse, better))
+    return np.where(same[:, None], np.maximum(difference, least * np.abs(slopes)), np.inf)
 
 
 def _compare_sums(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:

@@ -1,0 +1,353 @@
+"""Derivatives of an answer under a motion, with their errors and the ranges in which they hold."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..block import Block
+from ..driven import (
+    Batch,
+    BatchArguments,
+    EstimatedResponse,
+    SimulatedAnswer,
+    check_batch,
+    differentiate_within,
+    find_slope_scale,
+    simulate_batch,
+)
+from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
+from ..host import Printed
+from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
+from ..validation import POSITIVE, Number, Reals, as_name, as_real, check, check_concrete
+from .driven_answer import ANSWERS, change_motion, name_fields
+from .parameters import Parameters, describe_parameter, name_parameters
+
+# The answers as `Batch` numbers them.
+_CODES = {"peak_rotation": 0, "rotation_ratio": 1, "margin": 2}
+_SYMBOLS = {"restitution": "C", "half_width": "b", "slenderness": "lambda"}
+# Ranges are examined up to this fraction of a parameter. An end is put at this fraction of the
+# distance to a coincidence, which is known to first order; where a simulation there shows that it
+# has been passed, the distance is reduced by this factor, so many times.
+_FARTHEST = 0.2
+_NEARER = 0.9
+_REDUCTION = 0.3
+_ROUNDS = 8
+# Of a parameter, in eps: a range that is shorter is none.
+_ROUNDING = 64
+# What a parabola through both ends of a range may leave unexplained, over what it explains.
+_UNEXPLAINED = 0.1
+# Why a range ends where it does.
+_ENDS = (
+    "as far as examined",
+    "at the limit of what is allowed",
+    "beyond, an impact appears or vanishes",
+    "beyond, another bounce is the highest",
+    "beyond, the block overturns",
+    "beyond, the answer jumps or bends",
+    "beyond, the block is lifted at another moment",
+)
+_EXAMINED, _LIMIT, _IMPACT, _CHANGE, _OVERTURNS, _BENDS, _LIFTED = range(len(_ENDS))
+
+
+class Derivatives(Printed, eqx.Module):
+    """Derivatives of answers with errors and ranges; see `derivatives_within`.
+
+    Attributes
+    ----------
+    of : str
+        The answer y.
+    value : Array
+        y; NaN for the peak of a block that overturns.
+    response : EstimatedResponse
+        As `respond_within` gives it.
+    at, derivative, error : dict of Array
+        By the name of each parameter x: its value, ``dy / dx``, and the absolute error of that.
+    below, above : dict of Array
+        From where to where value and slope go on without a jump. A range that ends at x itself
+        has a one-sided derivative.
+    within_tolerance : dict of Array of bool
+        Whether the error is at most the tolerance times ``max(abs(dy / dx), abs(y / x))``, and x
+        lies inside the range by more than rounding.
+    below_reason, above_reason : dict of Array of int
+        Why the range ends there: an index of `REASONS`.
+    """
+
+    of: str = eqx.field(static=True)
+    value: Reals
+    response: EstimatedResponse
+    at: dict[str, Reals]
+    derivative: dict[str, Reals]
+    error: dict[str, Reals]
+    below: dict[str, Reals]
+    above: dict[str, Reals]
+    within_tolerance: dict[str, Any]
+    below_reason: dict[str, Any]
+    above_reason: dict[str, Any]
+
+    def explain(self, name: str, index: tuple[int, ...] = ()) -> str:
+        """Say in a sentence what is known of the derivative with respect to one parameter."""
+        symbol = _SYMBOLS.get(name, name)
+        slope, error, low, high, x = (
+            float(part[name][index])
+            for part in (self.derivative, self.error, self.below, self.above, self.at)
+        )
+        head = f"d({self.of.replace('_', ' ')})/d{symbol}"
+        if math.isnan(slope):
+            return f"{head} does not exist: the block overturns"
+        if math.isinf(error):
+            return f"{head} is not known: less accurate simulations go another way"
+        text = f"{head} = {slope:.{_count_digits(slope, error)}g} +- {error:.1g}"
+        reasons = [int(part[name][index]) for part in (self.below_reason, self.above_reason)]
+        text += f", for {symbol} from {low:.4g} to {high:.4g}"
+        if low == x or high == x:
+            text += f"; one-sided, for a {'larger' if low == x else 'smaller'} {symbol}"
+        described = dict.fromkeys(_ENDS[k] for k in reasons if k != _EXAMINED)
+        return "; ".join([text, *described])
+
+    def __str__(self) -> str:
+        if np.ndim(self.value):
+            certified = {k: float(np.mean(v)) for k, v in self.within_tolerance.items()}
+            lines = [f"{describe_parameter(k)}: {v:.1%}" for k, v in certified.items()]
+            return "\n".join(["derivatives within the tolerance, by parameter", *lines])
+        head = f"{ANSWERS[self.of]} {float(self.value):.6g}"
+        return "\n".join([head, *map(self.explain, self.derivative)])
+
+
+def _count_digits(value: float, error: float) -> int:
+    """Count the digits of a value that its error leaves."""
+    if not (value and error):
+        return 6
+    return int(np.clip(1 + math.floor(math.log10(abs(value))) - math.floor(math.log10(error)), 1, 12))
+
+
+def derivatives_within(
+    blocks: Block,
+    restitution: Number,
+    motion: Motion | Suite,
+    tolerance: float,
+    duration: Number | None = None,
+    *,
+    of: str = "peak_rotation",
+    by: Sequence[str] = ("restitution", "half_width", "slenderness", "factor"),
+    model: ModelLike = Nonlinear(),
+) -> Derivatives:
+    """Differentiate an answer of many blocks, with the error and the range of each derivative.
+    """
+    check("tolerance", as_real("tolerance", tolerance), POSITIVE)
+    restitution, duration = check_batch(blocks, restitution, motion, duration)
+    as_name("of", of, _CODES)
+    scene = {name: getattr(motion, name) for name in name_fields(motion)}
+    scene |= {"block": blocks, "restitution": restitution, "factor": 1.0}
+    check_concrete((scene, motion, duration), "errors follow from the answers")
+    names = tuple(by)
+    parameters = name_parameters(scene, names, "by")
+    batch = _make_batch(parameters, {}, motion, duration)
+    batch = replace(batch, answer=np.asarray(_CODES[of], batch.dtype))
+    values = [parameters.values[parameters.names.index(name)] for name in names]
+    at = np.stack([np.broadcast_to(value, batch.shape) for value in values], -1)
+    directions = _find_directions(parameters, names, values, motion, duration)
+    moved = replace(batch, directions=_drop_zeros(directions, batch.dtype))
+    model = as_model(model)
+    response, answer, slopes, error = differentiate_within(moved, tolerance, model, at)
+    derivative = np.where(np.isnan(answer.value)[..., None], np.nan, slopes.value)
+    scenes = _Scenes(parameters, names, motion, duration, batch, model)
+    distances, reasons = scenes.find_ranges(at, answer, slopes, response, tolerance)
+    scale = find_slope_scale(answer, slopes, at)
+    inside = (distances > _ROUNDING * np.finfo(at.dtype).eps * np.abs(at)).all(0)
+    within_tolerance = (error <= tolerance * scale) & inside
+    within_tolerance &= np.asarray(response.within_tolerance)[..., None]
+    columns = at, derivative, error, at - distances[0], at + distances[1], within_tolerance
+    by_name = (
+        {name: jax.device_put(column[..., k]) for k, name in enumerate(names)}
+        for column in (*columns, *reasons)
+    )
+    return Derivatives(of, jax.device_put(answer.value), response, *by_name)
+
+
+def _make_batch(
+    parameters: Parameters,
+    changes: Mapping[str, Reals | np.ndarray],
+    motion: Motion | Suite,
+    duration: Number | None,
+) -> Batch:
+    """Make the batch for other values of some parameters, which may be traced."""
+    scene = parameters.build(changes)
+    motion = change_motion(motion, scene).scaled(scene["factor"])
+    return Batch.of(scene["block"], scene["restitution"], motion, duration)
+
+
+@eqx.filter_jit
+def _find_directions(
+    parameters: Parameters,
+    names: tuple[str, ...],
+    values: Sequence[np.ndarray],
+    motion: Motion | Suite,
+    duration: Number | None,
+) -> list[BatchArguments]:
+    """Find how the numbers of a batch move with each parameter."""
+
+    def list_arguments(values: Sequence[Reals]) -> BatchArguments:
+        changes = dict(zip(names, values, strict=True))
+        return _make_batch(parameters, changes, motion, duration).arguments
+
+    def move_one(k: int) -> BatchArguments:
+        along = [jnp.full_like(value, float(j == k)) for j, value in enumerate(values)]
+        return jax.jvp(list_arguments, (list(values),), (along,))[1]
+
+    return [move_one(k) for k in range(len(names))]
+
+
+def _drop_zeros(
+    directions: Sequence[BatchArguments], dtype: np.dtype
+) -> tuple[BatchArguments, ...]:
+    """Replace by None what moves with no parameter: of that nothing has to be computed."""
+    moves = jax.tree.map(lambda *leaves: any(np.any(leaf) for leaf in leaves), *directions)
+    return tuple(
+        jax.tree.map(lambda move, leaf: np.asarray(leaf, dtype) if move else None, moves, part)
+        for part in directions
+    )
+
+
+class _Scenes(NamedTuple):
+    """Scenes of which derivatives are wanted."""
+
+    parameters: Parameters
+    names: tuple[str, ...]
+    motion: Motion | Suite
+    duration: Number | None
+    batch: Batch
+    model: RockingModel
+
+    def find_ranges(
+        self,
+        at: np.ndarray,
+        answer: SimulatedAnswer,
+        slopes: SimulatedAnswer,
+        response: EstimatedResponse,
+        tolerance: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Find how far slopes go on below and above, and what ends them there.
+
+        Returns
+        -------
+        distances, reasons : ndarray, shape (2, ..., parameters)
+        """
+        pairs = slopes.events.nearest, slopes.change, slopes.overturning
+        rates = np.stack([[pair.below, pair.above] for pair in pairs])
+        with np.errstate(divide="ignore"):
+            coincidences = _NEARER / rates
+        farthest = np.broadcast_to(_FARTHEST * np.abs(at), coincidences.shape[1:])
+        limits = np.full_like(farthest, np.inf)
+        if "restitution" in self.names:
+            k = self.names.index("restitution")
+            limits[..., k] = np.abs(at[..., k]), 1 - np.abs(at[..., k])
+        candidates = np.stack([farthest, limits, *coincidences])
+        reasons = np.argmin(candidates, axis=0)
+        unknown = np.isnan(answer.value)[..., None]
+        distances = np.where(unknown, np.nan, candidates.min(axis=0))
+        bends = np.full_like(distances, np.nan)
+        valid = np.zeros(distances.shape, bool)
+        rtol = float(response.rtol.min())
+        allowed = tolerance * find_slope_scale(answer, slopes, at)
+        for _ in range(_ROUNDS):
+            pending = ~valid & (distances > 0)
+            if not pending.any():
+                break
+            ends = self._simulate_ends(at, distances, pending, rtol)
+            failure = _check_ends(
+                ends, answer, slopes, distances, pending, bends, allowed
+            )
+            fails = failure >= 0
+            valid |= pending & ~fails
+            reasons = np.where(fails & (reasons <= _LIMIT), failure, reasons)
+            distances = np.where(fails, _REDUCTION * distances, distances)
+        return np.where(valid | unknown, distances, 0), reasons
+
+    def _simulate_ends(
+        self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: float
+    ) -> SimulatedAnswer:
+        """Simulate the ends of ranges that are pending, in the order of `np.nonzero`."""
+        count = len(self.names)
+        flat = at.reshape(-1, count)
+        side, block, parameter = np.nonzero(pending.reshape(2, -1, count))
+        distance = distances[pending]
+        values = flat[block]
+        values[np.arange(block.size), parameter] += np.where(side, distance, -distance)
+        changes = dict(zip(self.names, values.T, strict=True))
+        shape = self.batch.shape
+
+        def take(leaf: Any) -> np.ndarray:
+            return np.broadcast_to(leaf, shape).flat[block]
+
+        numbers = [take(value) for value in self.parameters.values]
+        scene = replace(self.parameters, values=numbers).build(changes)
+        part = self.batch.select(block)
+        if isinstance(self.motion, Pulse | Harmonic):
+            motion = change_motion(jax.tree.map(take, self.motion), scene)
+            until = None if self.duration is None else part.until
+            made = Batch.of(scene["block"], scene["restitution"], motion, until)
+            part = replace(part, ground=made.ground, until=made.until)
+        part = replace(part, block=scene["block"], restitution=scene["restitution"])
+        part = part.scaled(scene["factor"])
+        control = Batch.of(scene["block"], scene["restitution"], Record([0.0, 0.0], 1.0), rtol=rtol)
+        part = replace(part, control=control.control)
+        part = jax.tree.map(lambda leaf: np.asarray(leaf, leaf.dtype), part)
+        return simulate_batch(part, self.model).answer
+
+
+def _check_ends(
+    ends: SimulatedAnswer,
+    answer: SimulatedAnswer,
+    slopes: SimulatedAnswer,
+    distances: np.ndarray,
+    pending: np.ndarray,
+    bends: np.ndarray,
+    allowed: np.ndarray,
+) -> np.ndarray:
+    """Check whether answers go on smoothly to ends of ranges that are pending.
+
+    `bends`, the curvature towards each end, is filled in.
+
+    Returns
+    -------
+    ndarray of int, shape (2, ..., parameters)
+        Why one does not, as an index of `REASONS`; -1 where it does.
+    """
+
+    def spread(column: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(column[..., None], distances.shape)[pending]
+
+    side = np.nonzero(pending)[0]
+    distance = distances[pending]
+    step = np.where(side, distance, -distance)
+    slope = np.broadcast_to(slopes.value, distances.shape)[pending]
+    value = spread(answer.value)
+    excess = ends.value - value - slope * step
+    # Events that change the slope by less than its error do not matter.
+    matters = ~(np.abs(excess) <= np.broadcast_to(allowed, distances.shape)[pending] * distance)
+    same = (ends.events.sequence == spread(answer.events.sequence)) | ~matters
+    drift = np.broadcast_to(slopes.events.lifted, distances.shape)[pending] * step
+    lifted = spread(answer.events.lifted)
+    jump = np.abs(ends.events.lifted - lifted - drift)
+    rounding = 1e4 * np.finfo(distance.dtype).eps
+    same_time = (jump <= 2 * np.abs(drift) + rounding * (1 + lifted)) | ~matters
+    bends[pending] = np.where(same & same_time, excess / distance**2, np.nan)
+    other = np.broadcast_to(bends[::-1], bends.shape)[pending]
+    mean = np.where(np.isnan(other), 0, 0.5 * (other + excess / distance**2))
+    explained = np.abs(slope * step) + np.abs(mean) * distance**2
+    smooth = np.abs(excess - mean * distance**2) <= (
+        _UNEXPLAINED * explained + rounding * np.abs(value)
+    )
+    failure = np.full(distances.shape, -1)
+    failure[pending] = np.select(
+        [np.isnan(ends.value), ~same, ~same_time, ~smooth],
+        [_OVERTURNS, _IMPACT, _LIFTED, _BENDS],
+        -1,
+    )
+    return failure
