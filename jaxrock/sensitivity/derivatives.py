@@ -42,6 +42,8 @@ _ROUNDS = 8
 _ROUNDING = 64
 # What a parabola through both ends of a range may leave unexplained, over what it explains.
 _UNEXPLAINED = 0.1
+# What the gap between the two highest tops may differ from its tangent, over the gap.
+_UNSTEADY = 0.3
 # Why a range ends where it does.
 _ENDS = (
     "as far as examined",
@@ -336,6 +338,10 @@ def _check_ends(
     lifted = spread(answer.events.lifted)
     jump = np.abs(ends.events.lifted - lifted - drift)
     rounding = 1e4 * np.finfo(distance.dtype).eps
+    # What changes in another way than to first order may have changed more in between.
+    gap = spread(answer.gap)
+    gap_slope = np.broadcast_to(slopes.gap, distances.shape)[pending]
+    unsteady = np.abs(ends.gap - gap - gap_slope * step) > _UNSTEADY * gap
     same_time = (jump <= 2 * np.abs(drift) + rounding * (1 + lifted)) | ~matters
     bends[pending] = np.where(same & same_time, excess / distance**2, np.nan)
     other = np.broadcast_to(bends[::-1], bends.shape)[pending]
@@ -346,8 +352,8 @@ def _check_ends(
     )
     failure = np.full(distances.shape, -1)
     failure[pending] = np.select(
-        [np.isnan(ends.value), ~same, ~same_time, ~smooth],
-        [_OVERTURNS, _IMPACT, _LIFTED, _BENDS],
+        [np.isnan(ends.value), ~same, ~same_time, unsteady & matters, ~smooth],
+        [_OVERTURNS, _IMPACT, _LIFTED, _CHANGE, _BENDS],
         -1,
     )
     return failure

@@ -73,12 +73,13 @@ class Coincidences(eqx.Module):
     hump: PerBlock  # highest rotation since the last event
     before_hump: PerBlock  # highest rotation until the last event
     second: PerBlock  # the highest rotation of another hump than the highest one
+    later: Nearest  # where a hump after the highest one becomes higher
 
     @classmethod
     def none(cls, zero: Reals) -> "Coincidences":
         """Return those of a block that has not moved."""
         events = AnswerEvents(jnp.zeros(zero.shape, jnp.int32), zero, Nearest(zero, zero))
-        return cls(events, events, zero, zero, zero)
+        return cls(events, events, zero, zero, zero, events.nearest)
 
     def add_step(
         self,
@@ -111,6 +112,9 @@ class Coincidences(eqx.Module):
         ends = lands | low
         is_peak = hump > self.before_hump
         other = jnp.where(is_peak, self.before_hump, hump)
+        # All of them, not the highest alone: the later, the more they vary.
+        later = self.later.include(peak - hump, ends & ~is_peak & (hump > 0))
+        later = jax.tree.map(lambda rate: jnp.where(is_peak, 0, rate), later)
 
         def enter(sequence: Integers, happens: Booleans, kind: int) -> Integers:
             return jnp.where(happens, (_BASE * sequence + kind) & _LARGEST, sequence)
@@ -134,6 +138,7 @@ class Coincidences(eqx.Module):
             hump=jnp.where(ends, 0, hump),
             before_hump=jnp.where(ends, pick_larger(self.before_hump, hump), self.before_hump),
             second=jnp.where(ends, pick_larger(self.second, other), self.second),
+            later=later,
         )
 
     def find_second_peak(self) -> Reals:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from ...validation import Integers, Reals
-from .coincidences import AnswerEvents
+from .coincidences import AnswerEvents, Nearest
 from .ground_input import GroundInput
 from .initial_state import InitialState
 from .prepared_blocks import Case
@@ -34,15 +34,17 @@ class FinalStates(NamedTuple):
     finished: Reals  # 1 if simulated to the end, otherwise 0
     events: AnswerEvents | None  # with coincidences, like the second highest rotation
     second_peak: Reals | None
+    later: Nearest | None
 
     @classmethod
     def of(cls, lanes: Lanes, case: Case) -> "FinalStates":
         """Collect the states of all lanes, finished or not."""
-        events = second_peak = None
+        events = second_peak = later = None
         if lanes.coincidences is not None:
             events = lanes.coincidences.answer
             events = events._replace(sequence=events.sequence.astype(lanes.peak.dtype))
             second_peak = lanes.coincidences.find_second_peak()
+            later = lanes.coincidences.later
         return cls(
             peak=lanes.peak,
             rotation=lanes.side * lanes.rotation,
@@ -55,6 +57,7 @@ class FinalStates(NamedTuple):
             finished=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
             events=events,
             second_peak=second_peak,
+            later=later,
         )
 
 

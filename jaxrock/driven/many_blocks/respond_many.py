@@ -89,6 +89,8 @@ class SimulatedAnswer(NamedTuple):
     """An answer, and the events from which it comes."""
 
     value: Reals  # NaN for the peak of a block that overturns
+    # By which the highest top exceeds the second one, or the larger of both margins the smaller.
+    gap: Reals
     events: AnswerEvents
     # The nearest coincidences behind those of the events: where another top becomes the highest,
     # or the other of both margins the smaller one, and where the block overturns.
@@ -237,9 +239,14 @@ def _follow(
     return simulated._replace(
         answer=SimulatedAnswer(
             value=jnp.where(of_peak, value, response.margin),
+            gap=gap,
             events=ends.events._replace(lifted=ends.events.lifted * unit),
-            change=none.include(gap, complete),
-            overturning=none.include(margin, of_peak),
+            change=jax.tree.map(lambda rate: jnp.where(of_peak, rate, 0), ends.later).include(
+                gap, complete
+            ),
+            overturning=none.include(margin, of_peak).include(
+                arguments.block.critical_angle - ends.peak, of_peak
+            ),
         )
     )
 
