@@ -248,7 +248,7 @@ class _Scenes(NamedTuple):
         limits = np.full_like(farthest, np.inf)
         if "restitution" in self.names:
             k = self.names.index("restitution")
-            limits[..., k] = np.abs(at[..., k]), 1 - np.abs(at[..., k])
+            limits[..., k] = _NEARER * np.stack([c := np.abs(at[..., k]), 1 - c])
         candidates = np.stack([farthest, limits, *coincidences])
         reasons = np.argmin(candidates, axis=0)
         unknown = np.isnan(answer.value)[..., None]
