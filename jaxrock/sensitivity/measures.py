@@ -9,7 +9,14 @@ import numpy as np
 from ..host import Printed, Shown, format_table
 from ..tables import UNITS
 from ..validation import as_real, describe
-from .parameters import Answer, describe_parameter, evaluate_answer, name_single_parameters
+from .derivative_validity import estimate_rounding, find_finite_ranges
+from .parameters import (
+    Answer,
+    Parameters,
+    describe_parameter,
+    evaluate_answer,
+    name_single_parameters,
+)
 
 Ranges = Mapping[str, tuple[float, float]]
 
@@ -25,6 +32,11 @@ class Sensitivities(Printed):
     value : float
     gradient, elasticity, hessian : ndarray, shape (parameters,), (parameters, parameters)
         ``dy / dx``, relative ``(x / y) dy / dx`` [-], and the second derivatives.
+    error : ndarray, shape (parameters,)
+        Absolute error of ``dy / dx`` by rounding.
+    below, above : ndarray, shape (parameters,)
+        From where to where the answer is finite, the other parameters unchanged: up to the
+        overturning threshold, or to the end of a domain; infinite where no end was found.
     """
 
     names: tuple[str, ...]
@@ -33,9 +45,12 @@ class Sensitivities(Printed):
     gradient: np.ndarray
     elasticity: np.ndarray
     hessian: np.ndarray
+    error: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
 
     def table(self) -> dict[str, list[Any]]:
-        """List values, derivatives and elasticities, a row for each parameter.
+        """List values, derivatives with errors, elasticities and ranges, a row for each parameter.
 
         Returns
         -------
@@ -46,11 +61,21 @@ class Sensitivities(Printed):
             "unit": [UNITS.get(name, "-") for name in self.names],
             "value": self.at.tolist(),
             "derivative": self.gradient.tolist(),
+            "error": self.error.tolist(),
             "elasticity": self.elasticity.tolist(),
+            "below": self.below.tolist(),
+            "above": self.above.tolist(),
         }
 
     def __str__(self) -> str:
-        columns = {"at": self.at, "derivative": self.gradient, "elasticity": self.elasticity}
+        if not np.isfinite(self.value):
+            return f"{self.value:.6g}: the block overturns, and there are no derivatives"
+        columns = {
+            "at": self.at,
+            "derivative": map("{:.6g} +- {:.0e}".format, self.gradient, self.error),
+            "elasticity": self.elasticity,
+            "holds_for": format_ranges(self.below, self.above),
+        }
         return format_table(
             f"{self.value:.6g}", [*map(describe_parameter, self.names)], **columns
         )
@@ -97,11 +122,30 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     names = parameters.names
     x = parameters.get_values(names)
     y, gradient, hessian = evaluate_answer(answer, parameters, names, x, 2)
+    # Beyond the overturning threshold automatic derivatives are 0, as if nothing had influence.
+    known = np.where(np.isfinite(y), 1.0, np.nan).astype(y.dtype)
+    gradient, hessian = gradient * known, hessian * known
     # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
     # warning.
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = gradient * x.astype(gradient.dtype) / y
-    return Sensitivities(names, x, float(y), gradient, elasticity, hessian)
+    error = estimate_rounding(gradient, hessian, x)
+    limits = _find_ranges(answer, parameters, names, x * known)
+    return Sensitivities(names, x, float(y), gradient, elasticity, hessian, error, *limits)
+
+
+def _find_ranges(
+    answer: Answer, parameters: Parameters, names: Sequence[str], x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find from where to where the answer is finite along some parameters."""
+    return find_finite_ranges(
+        lambda points: evaluate_answer(answer, parameters, names, points)[0], x
+    )
+
+
+def format_ranges(below: np.ndarray, above: np.ndarray) -> list[str]:
+    """Write from where to where each range goes, apart from what stands before it."""
+    return [*map(" {:.4g} to {:.4g}".format, below, above)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -116,6 +160,8 @@ class TornadoBars(Shown):
         The ranges, and the answer at their ends, the other parameters unchanged.
     value : float
         The answer with all parameters unchanged. NaN stands for a block that overturns.
+    below, above : ndarray, shape (parameters,)
+        From where to where the answer goes on, as in `Sensitivities`; NaN where not known.
     """
 
     names: tuple[str, ...]
@@ -124,6 +170,8 @@ class TornadoBars(Shown):
     at_low: np.ndarray
     at_high: np.ndarray
     value: float
+    below: np.ndarray
+    above: np.ndarray
 
     picture: ClassVar[str] = "plot_tornado"
 
@@ -141,7 +189,7 @@ class TornadoBars(Shown):
         """
         names = names or self.names
         order = [self.names.index(name) for name in names]
-        columns = ("low", "high", "at_low", "at_high")
+        columns = ("low", "high", "at_low", "at_high", "below", "above")
         listed = {name: getattr(self, name)[order].tolist() for name in columns}
         return {"quantity": list(names), **listed}
 
@@ -158,7 +206,13 @@ class TornadoBars(Shown):
     def __str__(self) -> str:
         if self.reason_without_bars:
             return self.reason_without_bars
-        columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
+        columns = {
+            "range": format_ranges(self.low, self.high),
+            "at_low": self.at_low,
+            "at_high": self.at_high,
+        }
+        if not np.isnan(self.below).all():
+            columns["holds_for"] = format_ranges(self.below, self.above)
         head = f"{self.value:.6g}"
         if not np.isfinite(self.value):
             head = "has no value: the block overturns with all parameters unchanged"
@@ -201,7 +255,10 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     parameters = name_single_parameters(answer, at, ranges, "ranges")
     points = list_ends(parameters.get_values(ranges), ranges)
     (values,) = evaluate_answer(answer, parameters, tuple(ranges), points)
-    return arrange_bars(values, ranges)
+    at_known = np.where(np.isfinite(values[0]), points[0], np.nan)
+    return arrange_bars(
+        values, ranges, _find_ranges(answer, parameters, tuple(ranges), at_known)
+    )
 
 
 def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
@@ -232,8 +289,11 @@ def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     return points
 
 
-def arrange_bars(values: np.ndarray, ranges: Ranges) -> TornadoBars:
-    """Arrange answers at the points of `list_ends` as bars, the widest first."""
+def arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> TornadoBars:
+    """Arrange answers at the points of `list_ends` as bars, the widest first.
+
+    `limits` are from where and to where the answer goes on along each parameter.
+    """
     ends = np.asarray(list(ranges.values()), float)
     answers = values[1:].reshape(-1, 2)
     # An end at which the block overturns has no answer: such a bar is the widest of all.
@@ -241,4 +301,5 @@ def arrange_bars(values: np.ndarray, ranges: Ranges) -> TornadoBars:
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
-    return TornadoBars(names, *ends[order].T, *answers[order].T, value=float(values[0]))
+    limits = np.broadcast_to(limits, (2, width.size))[:, order]
+    return TornadoBars(names, *ends[order].T, *answers[order].T, float(values[0]), *limits)

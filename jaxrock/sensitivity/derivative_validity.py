@@ -1,0 +1,81 @@
+"""How accurate a derivative of a closed form is, and how far from its point the answer goes on."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+# Of rounding, in every parameter and in the derivative. Against mpmath no derivative of a closed
+# form has been wrong by more than 3, up to 1e-14 of the overturning threshold.
+_UNITS = 4
+# Where an end is sought first, over the value; later among as many points between two of them.
+_DISTANCES = 2.0 ** np.arange(-5, 11)
+_ROUNDS = 16  # 17^15 is more than all floats in the first interval
+
+
+def estimate_rounding(gradient: np.ndarray, hessian: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Estimate the error of the derivatives of a closed form by rounding.
+
+    Each operation of a closed form without cancellation rounds its result as if its arguments,
+    and so the parameters, were off by some units of rounding. The error of a derivative is
+    then that change times the second derivatives, besides the rounding of the derivative itself
+    (backward error analysis, Higham 2002, https://doi.org/10.1137/1.9780898718027, section 1.5).
+    This assumes that no difference of close numbers is formed on the way, except of exact ones.
+
+    Parameters
+    ----------
+    gradient, hessian, at : ndarray, shape (..., names), (..., names, names), (..., names)
+        First and second derivatives in the precision of the computation, and the parameters.
+
+    Returns
+    -------
+    ndarray, shape (..., names)
+        Absolute, in the units of the derivatives.
+    """
+    changes = np.abs(hessian * at[..., None, :]).sum(axis=-1)
+    return _UNITS * np.finfo(gradient.dtype).eps * (np.abs(gradient) + changes)
+
+
+def find_finite_ranges(
+    evaluate: Callable[[np.ndarray], np.ndarray], at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find from where to where an answer is finite, along each parameter, the others unchanged.
+
+    Parameters
+    ----------
+    evaluate : callable
+        It computes answers, shape (..., points), of parameters, shape (..., points, names).
+        They are not finite beyond the overturning threshold, and outside of a domain.
+    at : ndarray, shape (..., names)
+        Parameters with a finite answer; NaN gives NaN.
+
+    Returns
+    -------
+    below, above : ndarray, shape (..., names)
+        The last values with a finite answer, to rounding. Infinite where all are finite, as far
+        as a thousand times the value. An interval without answers is not seen if it lies between
+        two of the distances tried first: 3 % of the value, and each twice the one before.
+    """
+    size = np.where(at == 0, 1.0, np.abs(at))[..., None, :, None]
+    directions = np.array([-1.0, 1.0])[:, None, None]
+    is_varied = np.eye(at.shape[-1], dtype=bool)[:, None]
+    # Distances over the value: of the last finite answer, and of one that is not finite.
+    near = np.zeros((*at.shape[:-1], 2, at.shape[-1], 1))
+    far = near + np.inf
+    distances = near + _DISTANCES
+    for _ in range(_ROUNDS):
+        values = at[..., None, :, None] + directions * size * distances
+        points = np.where(is_varied, values[..., None], at[..., None, None, None, :])
+        answers = evaluate(points.reshape(*at.shape[:-1], -1, at.shape[-1]))
+        is_finite = np.isfinite(answers).reshape(values.shape)
+        # As many as are finite before the first that is not.
+        count = np.cumprod(is_finite, axis=-1).sum(axis=-1, keepdims=True)
+        edges = np.concatenate([near, distances, far], axis=-1)
+        near = np.take_along_axis(edges, count, axis=-1)
+        far = np.take_along_axis(edges, count + 1, axis=-1)
+        fractions = np.arange(1, _DISTANCES.size + 1) / (_DISTANCES.size + 1)
+        distances = near + np.where(np.isinf(far), 0.0, far - near) * fractions
+    near = np.where(np.isinf(far), np.inf, near)
+    ends = at[..., None, :, None] + directions * size * near
+    # A positive parameter ends at 0, which is none of its values.
+    ends = np.where(np.abs(ends) < 4 * np.finfo(float).eps * size, 0.0, ends)[..., 0]
+    return ends[..., 0, :], ends[..., 1, :]
