@@ -69,7 +69,7 @@ class Sensitivities(Printed):
 
     def __str__(self) -> str:
         if not np.isfinite(self.value):
-            return f"{self.value:.6g}: the block overturns, and there are no derivatives"
+            return f"{self.value:.6g} has no derivatives; it is nan where the block overturns"
         columns = {
             "at": self.at,
             "derivative": map("{:.6g} +- {:.0e}".format, self.gradient, self.error),
@@ -83,6 +83,9 @@ class Sensitivities(Printed):
 
 def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivities:
     """Compute value, gradient, elasticities and second derivatives of an answer.
+
+    Each derivative comes with its error by rounding, and with the range of its parameter in
+    which the answer is finite.
 
     Parameters
     ----------
@@ -103,19 +106,24 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     ValueError
         If `at` does not consist of single numbers, or the answer is not one.
 
+    Notes
+    -----
+    The error is meant for closed forms: it follows from the second derivatives, as what a few
+    units of rounding in each parameter change. It does not see where an answer of your own
+    subtracts close numbers, nor that it jumps or bends between finite values.
+
     Examples
     --------
     >>> import jaxrock as jr
     >>> wall = jr.Scene(jr.Block(0.4, 6.0), restitution=0.7, intensity=0.15)
-    >>> print(jr.sensitivities(jr.rotation_ratio, wall))
-    0.15161
-                                                at    derivative    elasticity
-    half-width at this slenderness             0.4     -0.412892      -1.08935
-    slenderness                                  6     0.0287624       1.13828
-    gravity                                   9.81    -0.0168356      -1.08935
-    inertia ratio                          1.33333     -0.123868      -1.08935
-    restitution                                0.7       1.10105       5.08364
-    intensity                                 0.15       2.20209        2.1787
+    >>> local = jr.sensitivities(jr.rotation_ratio, wall)
+    >>> print([*local.table()])
+    ['quantity', 'unit', 'value', 'derivative', 'error', 'elasticity', 'below', 'above']
+    >>> k = local.names.index("restitution")
+    >>> print(f"{local.gradient[k]:.4f} for C up to {local.above[k]:.4f}")
+    1.1011 for C up to 0.8412
+    >>> print(f"{jr.critical_restitution(wall.block, 0.15):.4f}")
+    0.8412
     """
     by = "sides" if sides else "shape"
     parameters = name_single_parameters(answer, at, None, "", by=by)
@@ -129,7 +137,7 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     # warning.
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = gradient * x.astype(gradient.dtype) / y
-    error = estimate_rounding(gradient, hessian, x)
+    error = estimate_rounding(names, x, gradient, hessian)
     limits = _find_ranges(answer, parameters, names, x * known)
     return Sensitivities(names, x, float(y), gradient, elasticity, hessian, error, *limits)
 
@@ -189,9 +197,14 @@ class TornadoBars(Shown):
         """
         names = names or self.names
         order = [self.names.index(name) for name in names]
-        columns = ("low", "high", "at_low", "at_high", "below", "above")
+        columns = ["low", "high", "at_low", "at_high"]
+        columns += ["below", "above"] if self._has_limits else []
         listed = {name: getattr(self, name)[order].tolist() for name in columns}
         return {"quantity": list(names), **listed}
+
+    @property
+    def _has_limits(self) -> bool:
+        return bool(np.isfinite(self.below).any() or np.isfinite(self.above).any())
 
     @property
     def reason_without_bars(self) -> str:
@@ -211,7 +224,7 @@ class TornadoBars(Shown):
             "at_low": self.at_low,
             "at_high": self.at_high,
         }
-        if not np.isnan(self.below).all():
+        if self._has_limits:
             columns["holds_for"] = format_ranges(self.below, self.above)
         head = f"{self.value:.6g}"
         if not np.isfinite(self.value):
@@ -248,9 +261,9 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     >>> ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.8)}
     >>> print(jr.tornado(jr.rotation_ratio, wall, ranges))
     0.123215
-                                   low          high        at low       at high
-    restitution                    0.6           0.8     0.0673033      0.307402
-    slenderness                      4             6     0.0954255       0.15161
+                                 range        at low       at high     holds for
+    restitution             0.6 to 0.8     0.0673033      0.307402   0 to 0.8557
+    slenderness                 4 to 6     0.0954255       0.15161    0 to 20.97
     """
     parameters = name_single_parameters(answer, at, ranges, "ranges")
     points = list_ends(parameters.get_values(ranges), ranges)
