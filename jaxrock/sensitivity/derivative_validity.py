@@ -10,9 +10,9 @@ from .distributions import is_between_0_and_1
 # error of all derivatives of closed forms, up to 1e-14 of the overturning threshold.
 _UNITS_OF_PARAMETER = 2
 _UNITS_OF_DERIVATIVE = 8
-# Where an end is sought first, over the value; later among as many points between two of them.
-_DISTANCES = 2.0 ** np.arange(-5, 11)
-_ROUNDS = 16  # 17^15 is more than all floats in the first interval
+# Distances over the value, of where an end is sought first; later between two of them.
+_DISTANCES = np.array([0.0, *2.0 ** np.arange(-5, 11)])
+_ROUNDS = 16  # 18^15 is more than all floats of the first interval
 
 
 def estimate_rounding(
@@ -58,36 +58,35 @@ def find_finite_ranges(
         They are not finite beyond the overturning threshold, and outside of a domain, where
         only traced parameters are allowed.
     at : ndarray, shape (..., names)
-        Parameters with a finite answer; NaN gives NaN.
+        Parameters.
 
     Returns
     -------
     below, above : ndarray, shape (..., names)
-        The last values with a finite answer, to rounding. Infinite where all are finite, as far
-        as a thousand times the value. An interval without answers is not seen if it lies between
-        two of the distances tried first: 3 % of the value, and each twice the one before.
+        The last values with a finite answer, to rounding. NaN where the parameters have none,
+        infinite where all values have one, as far as a thousand times the value. An interval
+        without answers is not seen if it lies between two of the distances tried first: 3 % of
+        the value, and each twice the one before.
     """
     size = np.where(at == 0, 1.0, np.abs(at))[..., None, :, None]
     directions = np.array([-1.0, 1.0])[:, None, None]
     is_varied = np.eye(at.shape[-1], dtype=bool)[:, None]
-    # Distances over the value: of the last finite answer, and of one that is not finite.
-    near = np.zeros((*at.shape[:-1], 2, at.shape[-1], 1))
-    far = near + np.inf
-    distances = near + _DISTANCES
+    # The last value with a finite answer, one without, and others that are tried.
+    near = at[..., None, :, None] + 0.0 * directions
+    far = near + np.inf * directions
+    values = near + size * directions * _DISTANCES
     for _ in range(_ROUNDS):
-        values = at[..., None, :, None] + directions * size * distances
         points = np.where(is_varied, values[..., None], at[..., None, None, None, :])
         answers = evaluate(points.reshape(*at.shape[:-1], -1, at.shape[-1]))
         is_finite = np.isfinite(answers).reshape(values.shape)
         # As many as are finite before the first that is not.
         count = np.cumprod(is_finite, axis=-1).sum(axis=-1, keepdims=True)
-        edges = np.concatenate([near, distances, far], axis=-1)
+        edges = np.concatenate([near, values, far], axis=-1)
         near = np.take_along_axis(edges, count, axis=-1)
         far = np.take_along_axis(edges, count + 1, axis=-1)
-        fractions = np.arange(1, _DISTANCES.size + 1) / (_DISTANCES.size + 1)
-        distances = near + np.where(np.isinf(far), 0.0, far - near) * fractions
-    near = np.where(np.isinf(far), np.inf, near)
-    ends = at[..., None, :, None] + directions * size * near
+        values = near + np.where(np.isinf(far), 0.0, far - near) * np.arange(1, 18) / 18
+    # Both are the point itself where it has no finite answer.
+    ends = np.where(np.isinf(far), far, np.where(near == far, np.nan, near))
     # A positive parameter ends at 0, which is none of its values.
     ends = np.where(np.abs(ends) < 4 * np.finfo(float).eps * size, 0.0, ends)[..., 0]
     return ends[..., 0, :], ends[..., 1, :]

@@ -10,13 +10,7 @@ from ..host import Printed, Shown, format_table
 from ..tables import UNITS
 from ..validation import as_real, describe
 from .derivative_validity import estimate_rounding, find_finite_ranges
-from .parameters import (
-    Answer,
-    Parameters,
-    describe_parameter,
-    evaluate_answer,
-    name_single_parameters,
-)
+from .parameters import Answer, describe_parameter, evaluate_answer, name_single_parameters
 
 Ranges = Mapping[str, tuple[float, float]]
 
@@ -56,29 +50,20 @@ class Sensitivities(Printed):
         -------
         dict of list
         """
-        return {
-            "quantity": list(self.names),
-            "unit": [UNITS.get(name, "-") for name in self.names],
-            "value": self.at.tolist(),
-            "derivative": self.gradient.tolist(),
-            "error": self.error.tolist(),
-            "elasticity": self.elasticity.tolist(),
-            "below": self.below.tolist(),
-            "above": self.above.tolist(),
-        }
+        units = [UNITS.get(name, "-") for name in self.names]
+        heads = ("value", "derivative", "error", "elasticity", "below", "above")
+        columns = (self.at, self.gradient, self.error, self.elasticity, self.below, self.above)
+        listed = {head: column.tolist() for head, column in zip(heads, columns, strict=True)}
+        return {"quantity": list(self.names), "unit": units, **listed}
 
     def __str__(self) -> str:
         if not np.isfinite(self.value):
             return f"{self.value:.6g} has no derivatives; it is nan where the block overturns"
-        columns = {
-            "at": self.at,
-            "derivative": map("{:.6g} +- {:.0e}".format, self.gradient, self.error),
-            "elasticity": self.elasticity,
-            "holds_for": format_ranges(self.below, self.above),
-        }
-        return format_table(
-            f"{self.value:.6g}", [*map(describe_parameter, self.names)], **columns
-        )
+        names = [*map(describe_parameter, self.names)]
+        slopes = map("{:.6g} +- {:.0e}".format, self.gradient, self.error)
+        columns = {"at": self.at, "derivative": slopes, "elasticity": self.elasticity}
+        ranges = format_ranges(self.below, self.above)
+        return format_table(f"{self.value:.6g}", names, **columns, holds_for=ranges)
 
 
 def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivities:
@@ -125,30 +110,22 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     >>> print(f"{jr.critical_restitution(wall.block, 0.15):.4f}")
     0.8412
     """
-    by = "sides" if sides else "shape"
-    parameters = name_single_parameters(answer, at, None, "", by=by)
+    parameters = name_single_parameters(answer, at, None, "", by="sides" if sides else "shape")
     names = parameters.names
     x = parameters.get_values(names)
     y, gradient, hessian = evaluate_answer(answer, parameters, names, x, 2)
-    # Beyond the overturning threshold automatic derivatives are 0, as if nothing had influence.
-    known = np.where(np.isfinite(y), 1.0, np.nan).astype(y.dtype)
-    gradient, hessian = gradient * known, hessian * known
+    if not np.isfinite(y):
+        # Automatic derivatives are 0 there, as if nothing had influence.
+        gradient, hessian = gradient * np.nan, hessian * np.nan
     # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
     # warning.
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = gradient * x.astype(gradient.dtype) / y
     error = estimate_rounding(names, x, gradient, hessian)
-    limits = _find_ranges(answer, parameters, names, x * known)
-    return Sensitivities(names, x, float(y), gradient, elasticity, hessian, error, *limits)
-
-
-def _find_ranges(
-    answer: Answer, parameters: Parameters, names: Sequence[str], x: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find from where to where the answer is finite along some parameters."""
-    return find_finite_ranges(
+    limits = find_finite_ranges(
         lambda points: evaluate_answer(answer, parameters, names, points)[0], x
     )
+    return Sensitivities(names, x, float(y), gradient, elasticity, hessian, error, *limits)
 
 
 def format_ranges(below: np.ndarray, above: np.ndarray) -> list[str]:
@@ -197,14 +174,9 @@ class TornadoBars(Shown):
         """
         names = names or self.names
         order = [self.names.index(name) for name in names]
-        columns = ["low", "high", "at_low", "at_high"]
-        columns += ["below", "above"] if self._has_limits else []
+        columns = ("low", "high", "at_low", "at_high")
         listed = {name: getattr(self, name)[order].tolist() for name in columns}
         return {"quantity": list(names), **listed}
-
-    @property
-    def _has_limits(self) -> bool:
-        return bool(np.isfinite(self.below).any() or np.isfinite(self.above).any())
 
     @property
     def reason_without_bars(self) -> str:
@@ -219,12 +191,9 @@ class TornadoBars(Shown):
     def __str__(self) -> str:
         if self.reason_without_bars:
             return self.reason_without_bars
-        columns = {
-            "range": format_ranges(self.low, self.high),
-            "at_low": self.at_low,
-            "at_high": self.at_high,
-        }
-        if self._has_limits:
+        columns: dict[str, Any] = {"range": format_ranges(self.low, self.high)}
+        columns |= {"at_low": self.at_low, "at_high": self.at_high}
+        if not np.isnan(self.above).all():
             columns["holds_for"] = format_ranges(self.below, self.above)
         head = f"{self.value:.6g}"
         if not np.isfinite(self.value):
@@ -268,10 +237,10 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     parameters = name_single_parameters(answer, at, ranges, "ranges")
     points = list_ends(parameters.get_values(ranges), ranges)
     (values,) = evaluate_answer(answer, parameters, tuple(ranges), points)
-    at_known = np.where(np.isfinite(values[0]), points[0], np.nan)
-    return arrange_bars(
-        values, ranges, _find_ranges(answer, parameters, tuple(ranges), at_known)
+    limits = find_finite_ranges(
+        lambda at: evaluate_answer(answer, parameters, tuple(ranges), at)[0], points[0]
     )
+    return arrange_bars(values, ranges, limits)
 
 
 def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
