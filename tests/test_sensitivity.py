@@ -123,7 +123,7 @@ ANSWERS = (
 
 
 def differentiate_exactly(name, kind, numbers):
-    """Value and derivatives at exactly these numbers, by differences in 120 digits."""
+    """Derivatives at exactly these numbers, by differences in 120 digits."""
 
     def compute(half_width, slenderness, gravity, inertia_ratio, restitution, intensity):
         # The equations are those of a rectangle, of which others differ by g and I alone.
@@ -140,22 +140,25 @@ def differentiate_exactly(name, kind, numbers):
         value = compute(*exact)
         slopes = []
         for k, number in enumerate(exact):
-            step = mp.mpf(10) ** -60 * (number or 1)
-            slopes.append((compute(*exact[:k], number + step, *exact[k + 1 :]) - value) / step)
+            moved = exact.copy()
+            moved[k] += mp.mpf(10) ** -60 * (number or 1)
+            slopes.append((compute(*moved) - value) / (moved[k] - number))
     return slopes
 
 
 def draw_scene(rng, kind):
-    """Half-width to intensity: all sizes, C near 0 and 1, up to 1e-14 of the threshold."""
+    """Of any size, with C near 0 and 1, up to 1e-14 of the threshold."""
     gap = 10 ** rng.uniform([-12, -14], 0)
     c = rng.choice([0.0, 10 ** rng.uniform(-15, 0), rng.uniform(), 1 - gap[0]])
     ratio = rng.choice([10 ** rng.uniform(-12, 0), 1 - gap[1]], p=[0.3, 0.7])
-    numbers = [*10 ** rng.uniform([-4, -1], [3, 4]), 9.81, rng.uniform(1, 2), c]
-    exact = [mp.mpf(float(number)) for number in numbers]
-    exact[2] *= mp.mpf(4) / 3 / exact[3]
-    critical = closed_forms.critical_intensity(kind, *exact[:3], exact[4], mp.inf)
-    numbers.append(float(critical * exact[3] * 3 / 4) * ratio)
-    return jr.Scene(jr.Block(*numbers[:4]), *numbers[4:])
+    half_width, slenderness = 10 ** rng.uniform([-4, -1], [3, 4])
+    block = jr.Block(half_width, slenderness, inertia_ratio=rng.uniform(1, 2))
+    b, height_ratio, gravity, inertia, c = map(
+        mp.mpf, map(float, (*jax.tree.leaves(block), c))
+    )
+    gravity *= mp.mpf(4) / 3 / inertia
+    critical = closed_forms.critical_intensity(kind, b, height_ratio, gravity, c, mp.inf)
+    return jr.Scene(block, float(c), float(critical * inertia * 3 / 4) * ratio)
 
 
 def critical_intensity(scene, model):

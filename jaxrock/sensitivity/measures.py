@@ -143,10 +143,10 @@ class TornadoBars(Shown):
         The parameter with the widest bar first.
     low, high, at_low, at_high : ndarray, shape (parameters,)
         The ranges, and the answer at their ends, the other parameters unchanged.
-    value : float
-        The answer with all parameters unchanged. NaN stands for a block that overturns.
     below, above : ndarray, shape (parameters,)
         From where to where the answer goes on, as in `Sensitivities`; NaN where not known.
+    value : float
+        The answer with all parameters unchanged. NaN stands for a block that overturns.
     """
 
     names: tuple[str, ...]
@@ -154,9 +154,9 @@ class TornadoBars(Shown):
     high: np.ndarray
     at_low: np.ndarray
     at_high: np.ndarray
-    value: float
     below: np.ndarray
     above: np.ndarray
+    value: float
 
     picture: ClassVar[str] = "plot_tornado"
 
@@ -283,5 +283,5 @@ def arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> To
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
-    limits = np.broadcast_to(limits, (2, width.size))[:, order]
-    return TornadoBars(names, *ends[order].T, *answers[order].T, float(values[0]), *limits)
+    columns = np.vstack([ends.T, answers.T, np.broadcast_to(limits, (2, width.size))])
+    return TornadoBars(names, *columns[:, order], value=float(values[0]))
