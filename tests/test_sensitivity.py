@@ -2,12 +2,17 @@
 
 import math
 
+import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
+from references import closed_forms
 from scipy import stats
+from tools.selection import first_by_default
 
 import jaxrock as jr
+from jaxrock.sensitivity.derivative_validity import find_finite_ranges
 from jaxrock.sensitivity.moments import _estimate_moments
 
 pytestmark = pytest.mark.float64
@@ -78,9 +83,22 @@ def test_names_of_sides_where_there_are_other_widths():
         jr.tornado(answer, two, {"height": (1.0, 2.0)})  # of which of the two?
 
 
+def beyond_the_threshold():
+    return jr.Scene(WALL.block, 0.9, 0.15)
+
+
+def test_no_derivatives_beyond_the_threshold():
+    found = jr.sensitivities(jr.rotation_ratio, beyond_the_threshold())
+    for part in (found.gradient, found.hessian, found.error, found.below, found.above):
+        assert np.isnan(part).all()
+
+
 def test_a_tornado_says_where_it_overturns():
     bars = jr.tornado(jr.rotation_ratio, WALL, {"restitution": (0.6, 0.99)})
-    assert str(bars).endswith(" overturns")
+    assert str(bars).endswith(" overturns   0 to 0.8557")
+    threshold = float(jr.critical_restitution(WALL.block, 0.15))
+    assert bars.above[0] == pytest.approx(threshold, rel=1e-15)
+    assert "overturns" in str(jr.sensitivities(jr.rotation_ratio, beyond_the_threshold()))
 
 
 def test_tornado():
@@ -102,6 +120,103 @@ ANSWERS = (
     jr.amplification,
     jr.stabilized_rotation,
 )
+
+
+def differentiate_exactly(name, kind, numbers):
+    """Derivatives at exactly these numbers, by differences in 120 digits."""
+
+    def compute(half_width, slenderness, gravity, inertia_ratio, restitution, intensity):
+        # The equations are those of a rectangle, of which others differ by g and I alone.
+        ratio = mp.mpf(4) / 3 / inertia_ratio
+        block = half_width, slenderness, gravity * ratio
+        if name == "critical_intensity":
+            critical = closed_forms.critical_intensity(kind, *block, restitution, mp.inf)
+            return critical / ratio
+        function = closed_forms.stabilized(name)
+        return function(kind, *block, restitution, intensity * ratio)
+
+    with mp.workdps(120):
+        exact = [mp.mpf(float(number)) for number in numbers]
+        value = compute(*exact)
+        slopes = []
+        for k, number in enumerate(exact):
+            moved = exact.copy()
+            moved[k] += mp.mpf(10) ** -60 * (number or 1)
+            slopes.append((compute(*moved) - value) / (moved[k] - number))
+    return slopes
+
+
+def draw_scene(rng, kind):
+    """Of any size, with C near 0 and 1, up to 1e-14 of the threshold."""
+    gap = 10 ** rng.uniform([-12, -14], 0)
+    c = rng.choice([0.0, 10 ** rng.uniform(-15, 0), rng.uniform(), 1 - gap[0]])
+    ratio = rng.choice([10 ** rng.uniform(-12, 0), 1 - gap[1]], p=[0.3, 0.7])
+    half_width, slenderness = 10 ** rng.uniform([-4, -1], [3, 4])
+    block = jr.Block(half_width, slenderness, inertia_ratio=rng.uniform(1, 2))
+    b, height_ratio, gravity, inertia, c = map(
+        mp.mpf, map(float, (*jax.tree.leaves(block), c))
+    )
+    gravity *= mp.mpf(4) / 3 / inertia
+    critical = closed_forms.critical_intensity(kind, b, height_ratio, gravity, c, mp.inf)
+    return jr.Scene(block, float(c), float(critical * inertia * 3 / 4) * ratio)
+
+
+def critical_intensity(scene, model):
+    return jr.critical_intensity(scene.block, scene.restitution, model=model)
+
+
+@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()])
+@pytest.mark.parametrize("answer", first_by_default((critical_intensity, *ANSWERS), 2))
+def test_errors_by_rounding_bound_those_against_exact_arithmetic(answer, model):
+    """And near the threshold, where they matter, are 5 to 30 times too large in the median."""
+    rng = np.random.default_rng(1)
+    kind = getattr(closed_forms, type(model).__name__)
+
+    def compute(scene):
+        return answer(scene, model)
+
+    factors = []
+    for _ in range(100):
+        scene = draw_scene(rng, kind)
+        found = jr.sensitivities(compute, scene)
+        if answer is not jr.overturning_margin and np.isnan(found.value):
+            continue  # rounding has taken it beyond the threshold
+        exact = differentiate_exactly(answer.__name__, kind, found.at)
+        pairs = zip(found.gradient, exact, strict=True)
+        errors = np.array([float(abs(mp.mpf(slope) - other)) for slope, other in pairs])
+        assert (errors <= found.error).all(), (scene, found, errors)
+        matters = (found.error > 1e-10 * abs(found.gradient)) & (errors > 0)
+        factors += [*(found.error[matters] / errors[matters])]
+    if answer not in (critical_intensity, jr.overturning_margin):
+        assert 5 < np.median(factors) < 30
+        assert len(factors) > 100
+
+
+@pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()])
+def test_ranges_end_at_the_threshold_and_at_the_ends_of_domains(model):
+    scene = jr.Scene(jr.Block(0.4, 5.0, inertia_ratio=1.3), restitution=0.7, intensity=0.15)
+    found = jr.sensitivities(lambda at: jr.rotation_ratio(at, model), scene)
+    given = scene.block, 0.7, 0.15
+    ends = {
+        "half_width": (jr.critical_width(*given, model=model) / 2, np.inf),
+        "slenderness": (0, jr.critical_slenderness(*given, model=model)),
+        "inertia_ratio": (1, np.inf),
+        "restitution": (0, jr.critical_restitution(scene.block, 0.15, model=model)),
+        "intensity": (0, jr.critical_intensity(scene.block, 0.7, model=model)),
+    }
+    for name, expected in ends.items():
+        k = found.names.index(name)
+        np.testing.assert_allclose((found.below[k], found.above[k]), expected, rtol=1e-14)
+    # Nearer than any distance tried first; and many points are as each of them.
+    near = float(ends["intensity"][1]) * (1 - np.array([[1e-13], [0.5]]))
+
+    @jax.jit  # so that an intensity below 0 gives NaN
+    def evaluate(points):
+        return jr.rotation_ratio(jr.Scene(scene.block, 0.7, points[..., 0]), model)
+
+    below, above = find_finite_ranges(evaluate, near)
+    np.testing.assert_array_equal(below, 0)
+    np.testing.assert_allclose(above, float(ends["intensity"][1]), rtol=1e-15)
 
 
 def draw_answers(answer, scene, variations, count, seed=1):

@@ -42,7 +42,8 @@ def sensitivity(
 ) -> Answer:
     """Find what an answer of resonance depends on: derivatives, a tornado, uncertainty.
 
-    Under instantaneous pulses right after each impact. With a height, the parameters are the
+    Under instantaneous pulses right after each impact. Derivatives come with their errors by
+    rounding, and with the ranges in which the answer goes on. With a height, the parameters are the
     width at this height and the height at this width. Else they are the half-width at this
     slenderness and the slenderness. Writes sensitivity.csv and tornado.png.
 

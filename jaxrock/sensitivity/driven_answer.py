@@ -157,9 +157,9 @@ def driven_tornado(
     >>> ranges = {"restitution": (0.8, 0.9), "amplitude": (2.8, 3.2)}
     >>> print(jr.sensitivity.driven_tornado(jr.Block(0.4, 5.0), 0.85, pulse, ranges))
     0.132752
-                                   low          high        at low       at high
-    amplitude                      2.8           3.2      0.104106      0.157563
-    restitution                    0.8           0.9      0.123243      0.142628
+                                 range        at low       at high
+    amplitude               2.8 to 3.2      0.104106      0.157563
+    restitution             0.8 to 0.9      0.123243      0.142628
     """
     function = DrivenAnswer(motion, answer, as_model(model))
     at = gather_parameters(block, restitution, motion, scale)

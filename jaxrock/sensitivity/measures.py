@@ -9,6 +9,7 @@ import numpy as np
 from ..host import Printed, Shown, format_table
 from ..tables import UNITS
 from ..validation import as_real, describe
+from .derivative_validity import estimate_rounding, find_finite_ranges
 from .parameters import Answer, describe_parameter, evaluate_answer, name_single_parameters
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -25,6 +26,11 @@ class Sensitivities(Printed):
     value : float
     gradient, elasticity, hessian : ndarray, shape (parameters,), (parameters, parameters)
         ``dy / dx``, relative ``(x / y) dy / dx`` [-], and the second derivatives.
+    error : ndarray, shape (parameters,)
+        Absolute error of ``dy / dx`` by rounding.
+    below, above : ndarray, shape (parameters,)
+        From where to where the answer is finite, the other parameters unchanged: up to the
+        overturning threshold, or to the end of a domain; infinite where no end was found.
     """
 
     names: tuple[str, ...]
@@ -33,31 +39,38 @@ class Sensitivities(Printed):
     gradient: np.ndarray
     elasticity: np.ndarray
     hessian: np.ndarray
+    error: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
 
     def table(self) -> dict[str, list[Any]]:
-        """List values, derivatives and elasticities, a row for each parameter.
+        """List values, derivatives with errors, elasticities and ranges, a row for each parameter.
 
         Returns
         -------
         dict of list
         """
-        return {
-            "quantity": list(self.names),
-            "unit": [UNITS.get(name, "-") for name in self.names],
-            "value": self.at.tolist(),
-            "derivative": self.gradient.tolist(),
-            "elasticity": self.elasticity.tolist(),
-        }
+        units = [UNITS.get(name, "-") for name in self.names]
+        heads = ("value", "derivative", "error", "elasticity", "below", "above")
+        columns = (self.at, self.gradient, self.error, self.elasticity, self.below, self.above)
+        listed = {head: column.tolist() for head, column in zip(heads, columns, strict=True)}
+        return {"quantity": list(self.names), "unit": units, **listed}
 
     def __str__(self) -> str:
-        columns = {"at": self.at, "derivative": self.gradient, "elasticity": self.elasticity}
-        return format_table(
-            f"{self.value:.6g}", [*map(describe_parameter, self.names)], **columns
-        )
+        if not np.isfinite(self.value):
+            return f"{self.value:.6g} has no derivatives; it is nan where the block overturns"
+        names = [*map(describe_parameter, self.names)]
+        slopes = map("{:.6g} +- {:.0e}".format, self.gradient, self.error)
+        columns = {"at": self.at, "derivative": slopes, "elasticity": self.elasticity}
+        ranges = format_ranges(self.below, self.above)
+        return format_table(f"{self.value:.6g}", names, **columns, holds_for=ranges)
 
 
 def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivities:
     """Compute value, gradient, elasticities and second derivatives of an answer.
+
+    Each derivative comes with its error by rounding, and with the range of its parameter in
+    which the answer is finite.
 
     Parameters
     ----------
@@ -78,30 +91,46 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     ValueError
         If `at` does not consist of single numbers, or the answer is not one.
 
+    Notes
+    -----
+    The error is meant for closed forms: it follows from the second derivatives, as what a few
+    units of rounding in each parameter change. It does not see where an answer of your own
+    subtracts close numbers, nor that it jumps or bends between finite values.
+
     Examples
     --------
     >>> import jaxrock as jr
     >>> wall = jr.Scene(jr.Block(0.4, 6.0), restitution=0.7, intensity=0.15)
-    >>> print(jr.sensitivities(jr.rotation_ratio, wall))
-    0.15161
-                                                at    derivative    elasticity
-    half-width at this slenderness             0.4     -0.412892      -1.08935
-    slenderness                                  6     0.0287624       1.13828
-    gravity                                   9.81    -0.0168356      -1.08935
-    inertia ratio                          1.33333     -0.123868      -1.08935
-    restitution                                0.7       1.10105       5.08364
-    intensity                                 0.15       2.20209        2.1787
+    >>> local = jr.sensitivities(jr.rotation_ratio, wall)
+    >>> print([*local.table()])
+    ['quantity', 'unit', 'value', 'derivative', 'error', 'elasticity', 'below', 'above']
+    >>> k = local.names.index("restitution")
+    >>> print(f"{local.gradient[k]:.4f} for C up to {local.above[k]:.4f}")
+    1.1011 for C up to 0.8412
+    >>> print(f"{jr.critical_restitution(wall.block, 0.15):.4f}")
+    0.8412
     """
-    by = "sides" if sides else "shape"
-    parameters = name_single_parameters(answer, at, None, "", by=by)
+    parameters = name_single_parameters(answer, at, None, "", by="sides" if sides else "shape")
     names = parameters.names
     x = parameters.get_values(names)
     y, gradient, hessian = evaluate_answer(answer, parameters, names, x, 2)
+    if not np.isfinite(y):
+        # Automatic derivatives are 0 there, as if nothing had influence.
+        gradient, hessian = gradient * np.nan, hessian * np.nan
     # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
     # warning.
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = gradient * x.astype(gradient.dtype) / y
-    return Sensitivities(names, x, float(y), gradient, elasticity, hessian)
+    error = estimate_rounding(names, x, gradient, hessian)
+    limits = find_finite_ranges(
+        lambda points: evaluate_answer(answer, parameters, names, points)[0], x
+    )
+    return Sensitivities(names, x, float(y), gradient, elasticity, hessian, error, *limits)
+
+
+def format_ranges(below: np.ndarray, above: np.ndarray) -> list[str]:
+    """Write from where to where each range goes, apart from what stands before it."""
+    return [*map(" {:.4g} to {:.4g}".format, below, above)]
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,6 +143,8 @@ class TornadoBars(Shown):
         The parameter with the widest bar first.
     low, high, at_low, at_high : ndarray, shape (parameters,)
         The ranges, and the answer at their ends, the other parameters unchanged.
+    below, above : ndarray, shape (parameters,)
+        From where to where the answer goes on, as in `Sensitivities`; NaN where not known.
     value : float
         The answer with all parameters unchanged. NaN stands for a block that overturns.
     """
@@ -123,6 +154,8 @@ class TornadoBars(Shown):
     high: np.ndarray
     at_low: np.ndarray
     at_high: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
     value: float
 
     picture: ClassVar[str] = "plot_tornado"
@@ -158,7 +191,10 @@ class TornadoBars(Shown):
     def __str__(self) -> str:
         if self.reason_without_bars:
             return self.reason_without_bars
-        columns = {name: getattr(self, name) for name in ("low", "high", "at_low", "at_high")}
+        columns: dict[str, Any] = {"range": format_ranges(self.low, self.high)}
+        columns |= {"at_low": self.at_low, "at_high": self.at_high}
+        if not np.isnan(self.above).all():
+            columns["holds_for"] = format_ranges(self.below, self.above)
         head = f"{self.value:.6g}"
         if not np.isfinite(self.value):
             head = "has no value: the block overturns with all parameters unchanged"
@@ -194,14 +230,17 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     >>> ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.8)}
     >>> print(jr.tornado(jr.rotation_ratio, wall, ranges))
     0.123215
-                                   low          high        at low       at high
-    restitution                    0.6           0.8     0.0673033      0.307402
-    slenderness                      4             6     0.0954255       0.15161
+                                 range        at low       at high     holds for
+    restitution             0.6 to 0.8     0.0673033      0.307402   0 to 0.8557
+    slenderness                 4 to 6     0.0954255       0.15161    0 to 20.97
     """
     parameters = name_single_parameters(answer, at, ranges, "ranges")
     points = list_ends(parameters.get_values(ranges), ranges)
     (values,) = evaluate_answer(answer, parameters, tuple(ranges), points)
-    return arrange_bars(values, ranges)
+    limits = find_finite_ranges(
+        lambda at: evaluate_answer(answer, parameters, tuple(ranges), at)[0], points[0]
+    )
+    return arrange_bars(values, ranges, limits)
 
 
 def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
@@ -232,8 +271,11 @@ def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     return points
 
 
-def arrange_bars(values: np.ndarray, ranges: Ranges) -> TornadoBars:
-    """Arrange answers at the points of `list_ends` as bars, the widest first."""
+def arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> TornadoBars:
+    """Arrange answers at the points of `list_ends` as bars, the widest first.
+
+    `limits` are from where and to where the answer goes on along each parameter.
+    """
     ends = np.asarray(list(ranges.values()), float)
     answers = values[1:].reshape(-1, 2)
     # An end at which the block overturns has no answer: such a bar is the widest of all.
@@ -241,4 +283,5 @@ def arrange_bars(values: np.ndarray, ranges: Ranges) -> TornadoBars:
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
-    return TornadoBars(names, *ends[order].T, *answers[order].T, value=float(values[0]))
+    columns = np.vstack([ends.T, answers.T, np.broadcast_to(limits, (2, width.size))])
+    return TornadoBars(names, *columns[:, order], value=float(values[0]))

@@ -1,0 +1,92 @@
+"""How accurate a derivative of a closed form is, and how far from its point the answer goes on."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .distributions import is_between_0_and_1
+
+# Units of rounding, of each parameter and of the derivative. Against mpmath, 2 and 6 bound the
+# error of all derivatives of closed forms, up to 1e-14 of the overturning threshold.
+_UNITS_OF_PARAMETER = 2
+_UNITS_OF_DERIVATIVE = 8
+# Distances over the value, of where an end is sought first; later between two of them.
+_DISTANCES = np.array([0.0, *2.0 ** np.arange(-5, 11)])
+_ROUNDS = 16  # 18^15 is more than all floats of the first interval
+
+
+def estimate_rounding(
+    names: Sequence[str], at: np.ndarray, gradient: np.ndarray, hessian: np.ndarray
+) -> np.ndarray:
+    """Estimate the error of the derivatives of a closed form by rounding.
+
+    A closed form without cancellation rounds as if its parameters were off by a few units of
+    rounding: the error of a derivative is that change times the second derivatives, besides a
+    few units of the derivative itself (backward error analysis, Higham 2002, section 1.5,
+    https://doi.org/10.1137/1.9780898718027). This assumes that no close numbers are subtracted
+    on the way but exact ones, and that nothing underflows.
+
+    Parameters
+    ----------
+    names, at : sequence of str, ndarray, shape (..., names)
+        The parameters.
+    gradient, hessian : ndarray, shape (..., names), (..., names, names)
+        First and second derivatives, in the precision of the computation.
+
+    Returns
+    -------
+    ndarray, shape (..., names)
+        Absolute, in the units of the derivatives.
+    """
+    # Between 1/2 and 1 the difference to 1 is exact, and only that is rounded further on.
+    is_fraction = [is_between_0_and_1(name) for name in names]
+    sizes = np.where(is_fraction, np.minimum(at, 1 - at), at)
+    changes = np.abs(hessian * sizes[..., None, :]).sum(axis=-1)
+    units = _UNITS_OF_PARAMETER * changes + _UNITS_OF_DERIVATIVE * np.abs(gradient)
+    return np.finfo(gradient.dtype).eps * units
+
+
+def find_finite_ranges(
+    evaluate: Callable[[np.ndarray], np.ndarray], at: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find from where to where an answer is finite, along each parameter, the others unchanged.
+
+    Parameters
+    ----------
+    evaluate : callable
+        It computes answers, shape (..., points), of parameters, shape (..., points, names).
+        They are not finite beyond the overturning threshold, and outside of a domain, where
+        only traced parameters are allowed.
+    at : ndarray, shape (..., names)
+        Parameters.
+
+    Returns
+    -------
+    below, above : ndarray, shape (..., names)
+        The last values with a finite answer, to rounding. NaN where the parameters have none,
+        infinite where all values have one, as far as a thousand times the value. An interval
+        without answers is not seen if it lies between two of the distances tried first: 3 % of
+        the value, and each twice the one before.
+    """
+    size = np.where(at == 0, 1.0, np.abs(at))[..., None, :, None]
+    directions = np.array([-1.0, 1.0])[:, None, None]
+    is_varied = np.eye(at.shape[-1], dtype=bool)[:, None]
+    # The last value with a finite answer, one without, and others that are tried.
+    near = at[..., None, :, None] + 0.0 * directions
+    far = near + np.inf * directions
+    values = near + size * directions * _DISTANCES
+    for _ in range(_ROUNDS):
+        points = np.where(is_varied, values[..., None], at[..., None, None, None, :])
+        answers = evaluate(points.reshape(*at.shape[:-1], -1, at.shape[-1]))
+        is_finite = np.isfinite(answers).reshape(values.shape)
+        # As many as are finite before the first that is not.
+        count = np.cumprod(is_finite, axis=-1).sum(axis=-1, keepdims=True)
+        edges = np.concatenate([near, values, far], axis=-1)
+        near = np.take_along_axis(edges, count, axis=-1)
+        far = np.take_along_axis(edges, count + 1, axis=-1)
+        values = near + np.where(np.isinf(far), 0.0, far - near) * np.arange(1, 18) / 18
+    # Both are the point itself where it has no finite answer.
+    ends = np.where(np.isinf(far), far, np.where(near == far, np.nan, near))
+    # A positive parameter ends at 0, which is none of its values.
+    ends = np.where(np.abs(ends) < 4 * np.finfo(float).eps * size, 0.0, ends)[..., 0]
+    return ends[..., 0, :], ends[..., 1, :]
