@@ -53,6 +53,7 @@ from .resonance import stabilized_rotation as stabilized_rotation
 from .resonance import stabilized_velocity as stabilized_velocity
 from .resonance import worst_train as worst_train
 from .sensitivity import Uncertain as Uncertain
+from .sensitivity import derivatives_within as derivatives_within
 from .sensitivity import sensitivities as sensitivities
 from .sensitivity import tornado as tornado
 from .sensitivity import value_and_slopes as value_and_slopes

@@ -24,6 +24,7 @@ __all__ = [
     "Sensitivities",
     "TornadoBars",
     "Uncertain",
+    "derivatives_within",
     "driven_tornado",
     "local_dependence",
     "outcome_probabilities",

@@ -134,7 +134,9 @@ class Coincidences(eqx.Module):
         )
         return Coincidences(
             now=now,
-            answer=jax.tree.map(lambda new, old: jnp.where(counts, new, old), now, self.answer),
+            answer=jax.tree.map(
+                lambda new, old: jnp.where(counts, new, old), now, self.answer
+            ),
             hump=jnp.where(ends, 0, hump),
             before_hump=jnp.where(ends, pick_larger(self.before_hump, hump), self.before_hump),
             second=jnp.where(ends, pick_larger(self.second, other), self.second),

@@ -21,7 +21,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from ...validation import Booleans, Number, Reals
+from ...validation import Booleans, Reals
 from .ground_input import PerBlock, TruthPerBlock
 from .taylor import (
     Coefficients,
@@ -122,7 +122,9 @@ class StepFlight(eqx.Module):
         found, blocked, root = materialize((found, blocked, root))
         ends = found & (event != _TOP)
         step = jnp.where(blocked, 0, step)
-        time, rotation, velocity, top, _ = _fly(launch, expansion, path, step, root, ends, at_top)
+        time, rotation, velocity, top, _ = _fly(
+            launch, expansion, path, step, root, ends, at_top
+        )
         lands = ends & ~at_top
         # Never on the ground without an impact, which could not be located from there.
         positive = jnp.maximum(rotation, float(jnp.finfo(length.dtype).tiny))

@@ -18,7 +18,6 @@ from .ground_input import Excitation, GroundInput, HostNumbers, PerBlock, roundi
 from .initial_state import InitialState
 from .taylor import tilt_sine_cosine
 
-
 # The answers of which derivatives may be wanted, as a real like all other numbers.
 PEAK_ROTATION, ROTATION_RATIO, MARGIN = 0.0, 1.0, 2.0
 

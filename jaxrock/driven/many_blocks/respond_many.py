@@ -162,7 +162,9 @@ def _follow_rows(
     if directions is None:
         return _follow(ground, arguments, count, program, lanes)
     along = jax.tree.map(lambda *leaves: jnp.stack(leaves), *directions)
-    moves = jax.tree.map(lambda part: part is not None, along, is_leaf=lambda part: part is None)
+    moves = jax.tree.map(
+        lambda part: part is not None, along, is_leaf=lambda part: part is None
+    )
     moving, fixed = eqx.partition(arguments, moves)
 
     def follow(moving: BatchArguments) -> tuple[SimulatedAnswer, SimulatedBatch]:
@@ -235,7 +237,9 @@ def _follow(
     value = jnp.where(case.answer == ROTATION_RATIO, ratio, peak)
     zero = jnp.zeros_like(peak)
     none = Nearest(zero, zero)
-    gap = jnp.where(of_peak, ends.peak - ends.second_peak, jnp.abs(after_impact - before_impact))
+    gap = jnp.where(
+        of_peak, ends.peak - ends.second_peak, jnp.abs(after_impact - before_impact)
+    )
     return simulated._replace(
         answer=SimulatedAnswer(
             value=jnp.where(of_peak, value, response.margin),

@@ -85,9 +85,7 @@ class Expansion(eqx.Module):
     linearized: bool = eqx.field(static=True)
 
     @classmethod
-    def of(
-        cls, launch: Launch, order: int, companion: Reals, linearized: bool
-    ) -> "Expansion":
+    def of(cls, launch: Launch, order: int, companion: Reals, linearized: bool) -> "Expansion":
         """Expand up to an order.
 
         With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give

@@ -205,7 +205,9 @@ def differentiate_within(
     EstimatedResponse, SimulatedAnswer, SimulatedAnswer, ndarray
         The responses, the answers with their slopes, and the absolute errors of the slopes.
     """
-    response, estimate = _reach_tolerance(batch, tolerance, model, at.reshape(-1, at.shape[-1]))
+    response, estimate = _reach_tolerance(
+        batch, tolerance, model, at.reshape(-1, at.shape[-1])
+    )
     results = estimate.simulated.answer, estimate.simulated.slopes, estimate.slope_error
     shaped = jax.tree.map(lambda leaf: leaf.reshape(batch.shape + leaf.shape[1:]), results)
     return response, *shaped
@@ -249,7 +251,9 @@ class _Estimate(NamedTuple):
         enough = self.error <= tolerance
         if at is None:
             return enough
-        allowed = tolerance * find_slope_scale(self.simulated.answer, self.simulated.slopes, at)
+        allowed = tolerance * find_slope_scale(
+            self.simulated.answer, self.simulated.slopes, at
+        )
         # The peak of a block that overturns has no slopes.
         fine = (self.slope_error <= allowed) | np.isnan(self.simulated.answer.value)[:, None]
         return enough & fine.all(-1)
@@ -340,7 +344,9 @@ def _estimate(
         estimate.error[places] = np.maximum(second_bound, first_bound[places] / _ERROR_RATIO)
         if first_slopes is not None:
             second_slopes = _bound_slope_errors(companion, part, least)
-            first_slopes[places] = np.maximum(second_slopes, first_slopes[places] / _ERROR_RATIO)
+            first_slopes[places] = np.maximum(
+                second_slopes, first_slopes[places] / _ERROR_RATIO
+            )
     estimate.cheapest[~(estimate.error <= tolerance)] = rtol
     return estimate
 
