@@ -243,7 +243,9 @@ def take_step(
     weight = (case.duration + begin + lanes.elapsed + taken) * jnp.where(
         settles, case.bounces, 1
     )
-    energy = jax.lax.stop_gradient(jnp.where(counts, weight * arriving * arriving, 0))
+    energy = jnp.where(counts, weight * arriving * arriving, 0)
+    if lanes.coincidences is None:
+        energy = jax.lax.stop_gradient(energy)
     interval = jnp.where(ended, intervals, interval)
     return materialize(
         Lanes(
