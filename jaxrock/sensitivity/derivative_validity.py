@@ -7,9 +7,10 @@ import numpy as np
 from .distributions import is_between_0_and_1
 
 # Units of rounding, of each parameter and of the derivative. Against mpmath, 2 and 6 bound the
-# error of all derivatives of closed forms, up to 1e-14 of the overturning threshold.
+# errors of all answers of a scene up to 1e-14 of the overturning threshold, 2 and 9 also those of
+# critical values.
 _UNITS_OF_PARAMETER = 2
-_UNITS_OF_DERIVATIVE = 8
+_UNITS_OF_DERIVATIVE = 10
 # Distances over the value, of where an end is sought first; later between two of them.
 _DISTANCES = np.array([0.0, *2.0 ** np.arange(-5, 11)])
 _ROUNDS = 16  # 18^15 is more than all floats of the first interval
@@ -24,7 +25,8 @@ def estimate_rounding(
     rounding: the error of a derivative is that change times the second derivatives, besides a
     few units of the derivative itself (backward error analysis, Higham 2002, section 1.5,
     https://doi.org/10.1137/1.9780898718027). This assumes that no close numbers are subtracted
-    on the way but exact ones, and that nothing underflows.
+    on the way but exact ones, and that nothing underflows. It holds for the answers of a `Scene`
+    and for critical values, but not for the motion of a model over time.
 
     Parameters
     ----------
