@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, PyTree
 
 from ..validation import Booleans, Reals
-from .forward_only import refuse_reverse_mode
+from .reverse_mode import refuse_reverse_mode
 
 _R = TypeVar("_R")
 

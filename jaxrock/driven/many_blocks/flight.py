@@ -107,7 +107,8 @@ class StepFlight(eqx.Module):
         long = length > 4 * float(jnp.finfo(length.dtype).eps)
         found = (event > _NONE) & located & first_one
         blocked = ~(found | (event == _NONE)) & long & jnp.isfinite(end)
-        found, blocked, root = materialize((found, blocked, root))
+        # A root that is not there might be inf, which a cotangent of 0 makes NaN.
+        found, blocked, root = materialize((found, blocked, jnp.where(found, root, 0)))
         ends = found & (event != _TOP)
         time = materialize(jnp.where(blocked, 0, jnp.where(ends, root, step)))
 
@@ -173,6 +174,7 @@ def _locate_root(series: Coefficients, length: Reals, last: Reals) -> tuple[Real
     # Each step, of fourth order, quadruples the number of digits. The first terms do for the
     # first step; the last one has derivatives.
     close, _ = _approach_root(fixed[:-4], time)
+    close = jnp.where((close > 0) & (close < 2 * length), close, 0)
     better, steep = _approach_root(series, close)
     # If such a step moves the time by less than this, only rounding is left.
     near = jnp.abs(better - close) <= float(jnp.finfo(time.dtype).eps) ** 0.27 * close

@@ -1,7 +1,10 @@
 """Records for the batch: a line between samples, and the next interval that is strong enough."""
 
+from dataclasses import replace
 from typing import ClassVar
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from ...validation import Booleans, Integers, Reals
@@ -36,6 +39,8 @@ class RecordInput(GroundInput):
     following: HostIntegers  # next stronger stride, flattened from (strides, grades)
     first_intervals: HostIntegers  # place of the first interval of each motion
     intervals: HostIntegers  # of each motion
+    # Whether the arrays of powers have the interval of each lane alone; see `read`.
+    by_lane: bool = eqx.field(static=True, default=False)
 
     # Samples keep steps short, so that high orders would be wasted.
     orders: ClassVar[dict[int, int]] = {8: 9, 4: 8}
@@ -55,22 +60,26 @@ class RecordInput(GroundInput):
         """Compute the rate of the samples."""
         return 1 / length
 
+    def read(self, index: Integers) -> "RecordInput":
+        """Read the interval of each lane, by its place in the arrays."""
+        powers = (self.horizontal, self.vertical)
+        lines = jax.tree.map(lambda power: jnp.asarray(power).at[index].get(mode="clip"), powers)
+        return replace(self, horizontal=lines[0], vertical=lines[1], by_lane=True)
+
     def expand(
         self, excitation: Excitation, interval: Integers, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
         """Read the line through both samples, and move its origin to `along`."""
-        del order
-        index = excitation.first_interval + interval
+        if not self.by_lane:
+            lines = self.read(excitation.first_interval + interval)
+            return lines.expand(excitation, interval, along, order)
         share = along * excitation.rate
 
-        def read(powers: tuple[HostReals, ...]) -> Coefficients:
-            c = tuple(
-                jnp.asarray(power).at[index].get(mode="clip") * excitation.strength
-                for power in powers
-            )
+        def scale(powers: tuple[HostReals, ...]) -> Coefficients:
+            c = tuple(jnp.asarray(power) * excitation.strength for power in powers)
             return (evaluate(c, share), c[1] * excitation.rate) if c else ()
 
-        return read(self.horizontal), read(self.vertical)
+        return scale(self.horizontal), scale(self.vertical)
 
     def find_uplift_times(self, rate: Reals, needed: Reals) -> tuple[Reals, ...]:
         """Return none: the table says where to look."""

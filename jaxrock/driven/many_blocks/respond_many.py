@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Hashable
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -20,7 +21,7 @@ from ...host import (
     map_in_threads,
 )
 from ...impact import read_restitution
-from ...numerics import refuse_reverse_mode
+from ...numerics import transpose_by
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     FINITE,
@@ -40,9 +41,10 @@ from ..scene import UP_TO_ITS_SIDE, check_initial_state
 from .batch import Batch
 from .compiler_options import jit_steps
 from .ground_input import GroundInput, HostReals
-from .prepared_blocks import BatchArguments, Case, prepare_blocks
-from .queue import work_off
+from .prepared_blocks import BatchArguments, Case, PreparedBlocks, prepare_blocks
+from .queue import FinalStates, work_off
 from .record_input import RecordInput
+from .reverse_sweep import pull_back
 from .step import Lanes, take_step
 
 # On a processor, lanes fill its vectors several times over, and their states its nearest
@@ -133,13 +135,23 @@ def _follow_rows(
     lanes: int,
 ) -> SimulatedBatch:
     """Follow the blocks of the first `count` columns, whose rows are their arguments."""
-    arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
-    case, initial, unit, valid = prepare_blocks(ground, arguments, program.model)
+    prepared = _prepare_rows(ground, rows, program)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
         return take_step(lanes, case, ground, program.order)
 
-    ends = work_off(ground, case, initial, count, lanes, step)
+    ends = work_off(ground, prepared.case, prepared.initial, count, lanes, step)
+    return _summarize(prepared, ends)
+
+
+def _prepare_rows(ground: GroundInput, rows: Reals, program: _Program) -> PreparedBlocks:
+    arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
+    return prepare_blocks(ground, arguments, program.model)
+
+
+def _summarize(prepared: PreparedBlocks, ends: FinalStates) -> SimulatedBatch:
+    """Compute the answers from the states at the end."""
+    case, _, unit, valid = prepared
     # In as few bytes as a boolean: statuses of large batches are copied like all else.
     status = jnp.where(ends.finished > 0, Status.COMPLETE, Status.STOPPED)
     status = jnp.where(valid, status, Status.INVALID).astype(jnp.int8)
@@ -176,6 +188,49 @@ def _follow_rows(
     arriving = leaving / jnp.maximum(case.restitution, 0.25)
     sums = jax.lax.stop_gradient((ends.impact_sum / case.duration, arriving * arriving))
     return SimulatedBatch(response, *sums)
+
+
+def _pull_rows(
+    inputs: tuple[GroundInput, Reals], cotangents: SimulatedBatch, program: _Program
+) -> tuple[GroundInput, Reals]:
+    """Pull cotangents of the answers back to the samples and the rows of arguments."""
+    ground, rows = inputs
+    size = rows.shape[1]
+    lanes = min(size, _LANES)
+    groups = -(-size // lanes)
+
+    def split(values):
+        values = jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, groups * lanes - size)], mode="edge")
+        return jnp.moveaxis(values.reshape(*values.shape[:-1], groups, lanes), -2, 0)
+
+    def split_ct(values):
+        values = jnp.pad(values, (0, groups * lanes - size))
+        return values.reshape(groups, lanes)
+
+    def add(total, group):
+        samples, rows = pull_back(
+            ground,
+            *group,
+            program.order,
+            lambda rows: _prepare_rows(ground, rows, program),
+            _summarize,
+        )
+        return jax.tree.map(jnp.add, total, samples), rows
+
+    samples = (ground.horizontal, ground.vertical) if isinstance(ground, RecordInput) else ()
+    total, rows_ct = jax.lax.scan(
+        add,
+        jax.tree.map(jnp.zeros_like, samples),
+        (split(rows), jax.tree.map(split_ct, cotangents)),
+    )
+    rows_ct = jnp.moveaxis(rows_ct, 0, 1).reshape(len(rows), -1)[:, :size]
+    ct = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, ground)
+    if samples:
+        ct = replace(ct, horizontal=total[0], vertical=total[1])
+    return ct, rows_ct
+
+
+_pull_rows_jitted = jax.jit(_pull_rows, static_argnames=("program",))
 
 
 # Inside of transformations, where options of the compiler are not allowed. Without this, the
@@ -265,9 +320,7 @@ def respond_batch(
         check("rtol", as_real("rtol", rtol), POSITIVE)
     batch = Batch.of(blocks, restitution, motion, duration, rtol=rtol, **initial)
     response = follow_batch(batch, as_model(model))
-    if batch.traced:
-        return refuse_reverse_mode("respond_batch", response)
-    return jax.device_put(response)
+    return response if batch.traced else jax.device_put(response)
 
 
 def check_batch(
@@ -321,7 +374,8 @@ def simulate_batch(
         # The samples of a record may be all that is traced.
         ground, rows = jax.tree.map(jnp.asarray, (ground, rows))
         number = rows.shape[1] if count is None else count
-        result = _follow_rows_jitted(ground, rows, number, program=program, lanes=_LANES)
+        result = _follow_rows_jitted(ground, rows, number, program=program, lanes=min(_LANES, rows.shape[1]))
+        result = transpose_by(functools.partial(_pull_rows_jitted, program=program), (ground, rows), result)
     else:
         result = _share_out(ground, rows, program)
     shape = batch.shape
