@@ -83,6 +83,11 @@ class GroundInput(eqx.Module):
         del rate
         return natural
 
+    def read(self, place: Integers) -> "GroundInput":
+        """Read what `expand` needs of the intervals of all lanes, where it is in arrays."""
+        del place
+        return self
+
     @abc.abstractmethod
     def expand(
         self, excitation: Excitation, interval: Integers, along: Reals, order: int

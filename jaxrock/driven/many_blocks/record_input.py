@@ -60,10 +60,10 @@ class RecordInput(GroundInput):
         """Compute the rate of the samples."""
         return 1 / length
 
-    def read(self, index: Integers) -> "RecordInput":
-        """Read the interval of each lane, by its place in the arrays."""
-        powers = (self.horizontal, self.vertical)
-        lines = jax.tree.map(lambda power: jnp.asarray(power).at[index].get(mode="clip"), powers)
+    def read(self, place: Integers) -> "RecordInput":
+        """Read the line of each lane, by the place of its interval in the arrays."""
+        powers = self.horizontal, self.vertical
+        lines = jax.tree.map(lambda power: jnp.asarray(power).at[place].get(mode="clip"), powers)
         return replace(self, horizontal=lines[0], vertical=lines[1], by_lane=True)
 
     def expand(

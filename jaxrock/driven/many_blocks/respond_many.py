@@ -195,39 +195,12 @@ def _pull_rows(
 ) -> tuple[GroundInput, Reals]:
     """Pull cotangents of the answers back to the samples and the rows of arguments."""
     ground, rows = inputs
-    size = rows.shape[1]
-    lanes = min(size, _LANES)
-    groups = -(-size // lanes)
 
-    def split(values):
-        values = jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, groups * lanes - size)], mode="edge")
-        return jnp.moveaxis(values.reshape(*values.shape[:-1], groups, lanes), -2, 0)
+    def prepare(rows: Reals) -> PreparedBlocks:
+        return _prepare_rows(ground, rows, program)
 
-    def split_ct(values):
-        values = jnp.pad(values, (0, groups * lanes - size))
-        return values.reshape(groups, lanes)
-
-    def add(total, group):
-        samples, rows = pull_back(
-            ground,
-            *group,
-            program.order,
-            lambda rows: _prepare_rows(ground, rows, program),
-            _summarize,
-        )
-        return jax.tree.map(jnp.add, total, samples), rows
-
-    samples = (ground.horizontal, ground.vertical) if isinstance(ground, RecordInput) else ()
-    total, rows_ct = jax.lax.scan(
-        add,
-        jax.tree.map(jnp.zeros_like, samples),
-        (split(rows), jax.tree.map(split_ct, cotangents)),
-    )
-    rows_ct = jnp.moveaxis(rows_ct, 0, 1).reshape(len(rows), -1)[:, :size]
-    ct = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, ground)
-    if samples:
-        ct = replace(ct, horizontal=total[0], vertical=total[1])
-    return ct, rows_ct
+    lanes = min(_LANES, rows.shape[1])
+    return pull_back(ground, rows, cotangents, lanes, program.order, prepare, _summarize)
 
 
 _pull_rows_jitted = jax.jit(_pull_rows, static_argnames=("program",))

@@ -1,5 +1,12 @@
-"""Derivatives of a batch in reverse mode: costates that run backwards along the known steps."""
+"""Derivatives in reverse mode: costates that run backwards along the steps of a simulation.
 
+The steps of a block are known once it has been simulated. Each is transposed where it was taken,
+with its impact, so that the derivatives are those of forward mode. The states are kept in
+windows of steps: the last window is there when the simulation ends, the others are run again,
+each from its first state.
+"""
+
+import functools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -7,141 +14,194 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, PyTree
+from jaxtyping import PyTree
 
-from ...validation import Integers
+from ...validation import Booleans, Integers, Reals
 from .ground_input import GroundInput
-from .prepared_blocks import PreparedBlocks
+from .prepared_blocks import Case, PreparedBlocks
 from .queue import FinalStates
 from .record_input import RecordInput
 from .step import Lanes, take_step
 
-# States of lanes in a window: 16 numbers each, of which the processor's cache holds about this
-# many. Windows that have passed are run again, each from its first state.
-_STATES = 2**16
-_WINDOWS = 512
-# What has derivatives in the state of a lane: the costates.
-_REAL = ("elapsed", "rotation", "velocity", "peak", "end_rotation", "end_velocity")
+# Lanes times steps in a window. The states of a window fit into a cache.
+_ROOM = 2**16
+# More windows than a motion takes, unless its steps are used up: then derivatives are NaN.
+_WINDOWS = 2**9
+_COSTATES = "elapsed", "rotation", "velocity", "peak", "end_rotation", "end_velocity"
 
 
-class _Walk(NamedTuple):
-    """A run through all windows, and back."""
+class _Sweep(NamedTuple):
+    """What changes from window to window, on the way there and back."""
 
-    window: Integers  # under way
-    lanes: Lanes  # now
-    count: Integers  # of states in the window
-    states: Lanes  # of the window, in the order of time
-    first: Lanes  # states of all windows
+    window: Integers
+    returns: Booleans  # whether the end has been reached
+    starts: Lanes  # of all windows
+    states: Lanes  # of the steps in a window
+    places: Integers  # in the arrays of samples, of these steps
+    lines: tuple  # cotangents of the samples of these steps
+    costates: tuple[Reals, ...]
+    blocks: PreparedBlocks  # cotangents
+    samples: tuple  # cotangents
 
 
 def pull_back(
     ground: GroundInput,
-    rows: Array,
+    rows: Reals,
     cotangents: PyTree,
+    lanes: int,
     order: int,
-    prepare: Callable[[Array], PreparedBlocks],
+    prepare: Callable[[Reals], PreparedBlocks],
     summarize: Callable[[PreparedBlocks, FinalStates], PyTree],
-) -> tuple[PyTree, Array]:
-    """Pull the cotangents of the answers of some blocks back to samples and arguments.
+) -> tuple[PyTree, Reals]:
+    """Pull cotangents of the answers back to the samples of the ground and the arguments.
 
+    `prepare` makes blocks from rows of arguments, `summarize` answers from final states. As many
+    blocks as there are `lanes` go side by side.
     """
     size = rows.shape[1]
-    prepared, pull_prepared = eqx.filter_vjp(prepare, rows)
+    padding = -size % lanes
+
+    def split(x: Reals) -> Reals:
+        padded = jnp.pad(x, [(0, padding), *[(0, 0)] * (x.ndim - 1)])
+        return padded.reshape(-1, lanes, *x.shape[1:])
+
+    def pull_group(samples: tuple, group: tuple[Reals, PyTree]) -> tuple[tuple, Reals]:
+        rows, cotangents = group
+        prepared, pull_prepared = eqx.filter_vjp(prepare, rows.T)
+        samples, pulled = _sweep(ground, prepared, cotangents, samples, order, summarize)
+        # A block that is not valid has no derivatives, in either mode.
+        return samples, jnp.where(prepared.valid, pull_prepared(pulled)[0], 0).T
+
+    nothing = jax.tree.map(jnp.zeros_like, _get_samples(ground))
+    groups = jax.tree.map(split, (rows.T, cotangents))
+    samples, pulled = jax.lax.scan(pull_group, nothing, groups)
+    pulled = pulled.reshape(-1, len(rows))[:size].T
+    return _replace_samples(eqx.filter(ground, False), samples), pulled
+
+
+def _sweep(
+    ground: GroundInput,
+    prepared: PreparedBlocks,
+    cotangents: PyTree,
+    samples: tuple,
+    order: int,
+    summarize: Callable[[PreparedBlocks, FinalStates], PyTree],
+) -> tuple[tuple, PreparedBlocks]:
+    """Simulate blocks side by side to their ends, and go back along their steps.
+
+    Returns the cotangents of the samples, added to those given, and of the blocks.
+    """
     case = prepared.case
+    size = case.duration.size
+    length = max(_ROOM // size, 1)
+    real_case, rest = eqx.partition(case, eqx.is_inexact_array)
 
-    def begin(prepared):
-        case = prepared.case
-        resting = ground.find_next_interval(jnp.zeros(size, jnp.int32), case.excitation)
-        return Lanes.begin(prepared.initial, case, resting)
+    def begin(prepared: PreparedBlocks) -> Lanes:
+        zero = jnp.zeros(size, jnp.int32)
+        resting = ground.find_next_interval(zero, prepared.case.excitation)
+        return Lanes.begin(prepared.initial, prepared.case, resting)
 
-    lanes, pull_begin = eqx.filter_vjp(begin, prepared)
-    active = lambda lanes: lanes.are_active(case) & prepared.valid
-    length = max(_STATES // size, 1)
-
-    def stack(lanes, count):
-        return jax.tree.map(lambda x: jnp.zeros((count, *x.shape), x.dtype), lanes)
-
-    def read(stacked, place):
-        return jax.tree.map(lambda x: jax.lax.dynamic_index_in_dim(x, place, keepdims=False), stacked)
-
-    def write(stacked, place, lanes):
-        return jax.tree.map(lambda x, y: jax.lax.dynamic_update_index_in_dim(x, y, place, 0), stacked, lanes)
-
-    def run(lanes, states):
-        def go(s):
-            k, lanes, states = s
-            return k + 1, take_step(lanes, case, ground, order), write(states, k, lanes)
-        return jax.lax.while_loop(lambda s: (s[0] < length) & active(s[1]).any(), go, (0, lanes, states))
-
-    def forward(s):
-        m, lanes, _, states, firsts = s
-        firsts = write(firsts, m, lanes)
-        k, lanes, states = run(lanes, states)
-        return m + 1, lanes, k, states, firsts
-
-    m, lanes, k, states, firsts = jax.lax.while_loop(
-        lambda s: (s[0] < _WINDOWS) & active(s[1]).any(), forward,
-        (0, lanes, 0, stack(lanes, length), stack(lanes, _WINDOWS)))
-    unfinished = active(lanes)
-
-    def finish(prepared, lanes):
+    def finish(prepared: PreparedBlocks, lanes: Lanes) -> PyTree:
         return summarize(prepared, FinalStates.of(lanes, prepared.case))
 
-    _, pull_finish = eqx.filter_vjp(finish, prepared, lanes)
-    prepared_ct, lanes_ct = pull_finish(cotangents)
-    costate = tuple(getattr(lanes_ct, name) for name in _REAL)
-    costate = jax.tree.map(lambda x: jnp.where(prepared.valid, jnp.where(unfinished, jnp.nan, x), 0), costate)
-    samples = (ground.horizontal, ground.vertical) if isinstance(ground, RecordInput) else ()
-    samples_ct = jax.tree.map(jnp.zeros_like, samples)
-    last = m - 1
-    real_case, rest_case = eqx.partition(case, eqx.is_inexact_array)
+    def are_active(lanes: Lanes) -> Booleans:
+        return lanes.are_active(case) & prepared.valid
 
-    def back(s):
-        m, states, costate, case_ct, samples_ct = s
-        m = m - 1
-        def again(states):
-            k2, _, states = run(read(firsts, m), states)
-            return k2, states
-        k2, states = jax.lax.cond(m == last, lambda states: (k, states), again, states)
+    def run_step(state: tuple[Integers, Lanes, Lanes]) -> tuple[Integers, Lanes, Lanes]:
+        step, lanes, states = state
+        return step + 1, take_step(lanes, case, ground, order), _write(states, step, lanes)
 
-        def pull_step(s):
-            j, costate, case_ct, lines_ct, places = s
-            j = j - 1
-            lanes = read(states, j)
-            place = case.excitation.first_interval + lanes.interval
-            ours = ground.read(place) if samples else ground
-            lines = (ours.horizontal, ours.vertical) if samples else ()
+    def pull_step(state: tuple[Integers, _Sweep]) -> tuple[Integers, _Sweep]:
+        step, sweep = state[0] - 1, state[1]
+        lanes = _read(sweep.states, step)
+        place = case.excitation.first_interval + lanes.interval
+        local = ground.read(place)
 
-            def step(state, real_case, lines):
-                g = replace(ours, horizontal=lines[0], vertical=lines[1]) if samples else ours
-                new = take_step(replace(lanes, **dict(zip(_REAL, state))), eqx.combine(real_case, rest_case), g, order)
-                return tuple(getattr(new, name) for name in _REAL)
+        def take(costates: tuple, case: Case, samples: tuple) -> tuple[Reals, ...]:
+            moved = replace(lanes, **dict(zip(_COSTATES, costates, strict=True)))
+            ground = _replace_samples(local, samples)
+            return _get_costates(take_step(moved, eqx.combine(case, rest), ground, order))
 
-            state = tuple(getattr(lanes, name) for name in _REAL)
-            _, pull = jax.vjp(step, state, real_case, lines)
-            new, dcase, dlines = pull(costate)
-            on = active(lanes)
-            keep = lambda a, b: jnp.where(on, a, b)
-            costate = jax.tree.map(keep, new, costate)
-            case_ct = jax.tree.map(lambda t, d: t + jnp.where(on, d, 0), case_ct, dcase)
-            lines_ct = write(lines_ct, j, jax.tree.map(lambda d: jnp.where(on, d, 0), dlines))
-            places = write(places, j, place)
-            return j, costate, case_ct, lines_ct, places
+        arguments = _get_costates(lanes), real_case, _get_samples(local)
+        pulled = jax.vjp(take, *arguments)[1](sweep.costates)
+        active = are_active(lanes)
+        kept = jax.tree.map(lambda x: jnp.where(active, 0, x), sweep.costates)
+        pulled = jax.tree.map(lambda x: jnp.where(active, x, 0), pulled)
+        return step, sweep._replace(
+            costates=jax.tree.map(jnp.add, kept, pulled[0]),
+            blocks=sweep.blocks._replace(
+                case=jax.tree.map(jnp.add, sweep.blocks.case, pulled[1])
+            ),
+            lines=_write(sweep.lines, step, pulled[2]),
+            places=_write(sweep.places, step, place),
+        )
 
-        lines0 = jax.tree.map(lambda _: jnp.zeros((length, size), rows.dtype), samples)
-        _, costate, case_ct, lines_ct, places = jax.lax.while_loop(lambda s: s[0] > 0, pull_step, (k2, costate, case_ct, lines0, jnp.zeros((length, size), jnp.int32)))
-        samples_ct = jax.tree.map(lambda t, d: t.at[places].add(d, mode="clip"), samples_ct, lines_ct)
-        return m, states, costate, case_ct, samples_ct
+    def pull_window(sweep: _Sweep) -> _Sweep:
+        count, lanes, states = jax.lax.while_loop(
+            lambda state: (state[0] < length) & are_active(state[1]).any(),
+            run_step,
+            (0, _read(sweep.starts, sweep.window), sweep.states),
+        )
+        goes_on = are_active(lanes)
+        ends = ~goes_on.any() | (sweep.window == _WINDOWS - 1)
+        returns = sweep.returns | ends
+        pulled = eqx.filter_vjp(finish, prepared, lanes)[1](cotangents)
+        last = tuple(jnp.where(goes_on, jnp.nan, x) for x in _get_costates(pulled[1]))
+        sweep = sweep._replace(
+            returns=returns,
+            starts=_write(sweep.starts, sweep.window + 1, lanes),
+            states=states,
+            costates=jax.tree.map(functools.partial(jnp.where, ends), last, sweep.costates),
+            blocks=jax.tree.map(lambda x, y: x + jnp.where(ends, y, 0), sweep.blocks, pulled[0]),
+        )
+        _, sweep = jax.lax.while_loop(
+            lambda state: state[0] > 0, pull_step, (jnp.where(returns, count, 0), sweep)
+        )
+        added = jax.tree.map(
+            lambda total, lines: total.at[sweep.places].add(lines), sweep.samples, sweep.lines
+        )
+        return sweep._replace(window=sweep.window + jnp.where(returns, -1, 1), samples=added)
 
-    case_ct0 = jax.tree.map(jnp.zeros_like, real_case)
-    _, _, costate, case_ct, samples_ct = jax.lax.while_loop(lambda s: s[0] > 0, back, (m, states, costate, case_ct0, samples_ct))
-    real_lanes = jax.tree.map(lambda x: jnp.zeros_like(x) if eqx.is_inexact_array(x) else None, lanes)
-    lanes_ct = replace(real_lanes, **dict(zip(_REAL, costate)))
-    begin_ct, = pull_begin(lanes_ct)
-    add = lambda *p: sum(p)
-    prepared_ct = jax.tree.map(add, prepared_ct, begin_ct)
-    prepared_ct = prepared_ct._replace(case=jax.tree.map(add, prepared_ct.case, case_ct))
-    rows_ct, = pull_prepared(prepared_ct)
-    return samples_ct, jnp.where(prepared.valid, rows_ct, 0)
+    lanes, pull_begin = eqx.filter_vjp(begin, prepared)
+    zeros = jax.tree.map(jnp.zeros_like, (lanes, prepared))
+    sweep = _Sweep(
+        window=jnp.zeros((), jnp.int32),
+        returns=jnp.zeros((), bool),
+        starts=_write(_make_room(lanes, _WINDOWS + 1), 0, lanes),
+        states=_make_room(lanes, length),
+        places=_make_room(lanes.interval, length),
+        lines=jax.tree.map(lambda x: jnp.zeros((length, size), x.dtype), samples),
+        costates=_get_costates(zeros[0]),
+        blocks=eqx.filter(zeros[1], eqx.is_inexact_array),
+        samples=samples,
+    )
+    sweep = jax.lax.while_loop(lambda sweep: sweep.window >= 0, pull_window, sweep)
+    first = dict(zip(_COSTATES, sweep.costates, strict=True))
+    pulled = pull_begin(replace(eqx.filter(zeros[0], eqx.is_inexact_array), **first))
+    return sweep.samples, jax.tree.map(jnp.add, sweep.blocks, pulled[0])
 
 
+def _make_room(tree: PyTree, length: int) -> PyTree:
+    return jax.tree.map(lambda x: jnp.zeros((length, *x.shape), x.dtype), tree)
+
+
+def _write(rows: PyTree, index: Integers, row: PyTree) -> PyTree:
+    write = jax.lax.dynamic_update_index_in_dim
+    return jax.tree.map(lambda xs, x: write(xs, x, index, 0), rows, row)
+
+
+def _read(rows: PyTree, index: Integers) -> PyTree:
+    read = jax.lax.dynamic_index_in_dim
+    return jax.tree.map(lambda xs: read(xs, index, keepdims=False), rows)
+
+
+def _get_samples(ground: GroundInput) -> tuple:
+    return (ground.horizontal, ground.vertical) if isinstance(ground, RecordInput) else ()
+
+
+def _replace_samples(ground: GroundInput, samples: tuple) -> GroundInput:
+    return replace(ground, horizontal=samples[0], vertical=samples[1]) if samples else ground
+
+
+def _get_costates(lanes: Lanes) -> tuple[Reals, ...]:
+    return tuple(getattr(lanes, name) for name in _COSTATES)
