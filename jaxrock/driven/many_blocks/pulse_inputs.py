@@ -186,10 +186,13 @@ def _times_of_phases(
 ) -> tuple[Reals, ...]:
     """Convert phases to times from the beginning of an interval; inf for phases before it."""
     moving = jnp.where(rate > 0, rate, 1)
-    return tuple(
-        jnp.where((rate > 0) & (phase > begin), (phase - begin) / moving, jnp.inf)
-        for phase in phases
-    )
+    times = []
+    for phase in phases:
+        comes = (rate > 0) & (phase > begin) & (phase < jnp.inf)
+        # Derivatives in reverse mode would be NaN from an infinite phase.
+        time = (jnp.where(comes, phase, 0) - begin) / moving
+        times.append(jnp.where(comes, time, jnp.inf))
+    return tuple(times)
 
 
 def _compute_sine_cosine(phase: Reals) -> tuple[Reals, Reals]:
