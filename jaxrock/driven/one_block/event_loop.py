@@ -29,6 +29,7 @@ from .motion_to_event import (
     State,
     move_to_event,
 )
+from .record_derivatives import transpose_by_sweep
 from .response import Events, Response
 from .solver_steps import Stepper
 from .uplift import UpliftTable
@@ -118,8 +119,16 @@ def follow_driven(
     return FollowedMotion(response, state.last_impact)
 
 
+def _follow_samples(driven: Driven, **options: object) -> FollowedMotion:
+    """Follow a block, with derivatives with respect to the samples of a record."""
+    followed = eqx.filter_jit(follow_driven)(driven, **options)
+    return followed._replace(response=transpose_by_sweep(driven, followed.response))
+
+
 # Compiled once for all tolerances, with derivatives in both modes.
-follow_driven_jitted = eqx.filter_jit(differentiate_by_jacobian(follow_driven))
+follow_driven_jitted = eqx.filter_jit(
+    differentiate_by_jacobian(follow_driven, of_arrays=_follow_samples)
+)
 
 
 @eqx.filter_jit
