@@ -51,7 +51,10 @@ def differentiate_by_jacobian(
 
             def differentiate_along(basis: Array) -> tuple[PyTree, PyTree, PyTree]:
                 return jax.jvp(
-                    lambda numbers: compute(unravel(numbers)), (numbers,), (basis,), has_aux=True
+                    lambda numbers: compute(unravel(numbers)),
+                    (numbers,),
+                    (basis,),
+                    has_aux=True,
                 )
 
             if numbers.size == 1:  # without `vmap`, a program that is a third smaller
@@ -59,7 +62,9 @@ def differentiate_by_jacobian(
                 jacobian = jax.tree.map(lambda slope: slope[None], slopes)
             else:
                 along_each = jax.vmap(differentiate_along, out_axes=(None, 0, None))
-                values, jacobian, static = along_each(jnp.eye(numbers.size, dtype=numbers.dtype))
+                values, jacobian, static = along_each(
+                    jnp.eye(numbers.size, dtype=numbers.dtype)
+                )
             # A second derivative goes through the loops themselves.
             values, jacobian = refuse_reverse_mode("this derivative", (values, jacobian))
             # The directions enter here only, linearly: that is what reverse mode transposes.

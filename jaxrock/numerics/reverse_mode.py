@@ -73,7 +73,9 @@ def _get_slopes(*operands: Array, sizes: tuple[int, int], **_: object) -> list[A
     return list(operands[sum(sizes) :])
 
 
-def _transpose(cotangents: list, *operands: object, pull: _Pull, sizes: tuple[int, int]) -> list:
+def _transpose(
+    cotangents: list, *operands: object, pull: _Pull, sizes: tuple[int, int]
+) -> list:
     known, moved = sizes
     pulled = [None] * moved
     if not all(isinstance(cotangent, ad.Zero) for cotangent in cotangents):
@@ -89,7 +91,9 @@ def _differentiate(
     # A second derivative goes through the loops themselves.
     slopes = _transposed_by.bind(*operands, sizes=sizes, **options)
     tangents = [
-        tangent if isinstance(tangent, ad.Zero) else refuse_reverse_mode("this derivative", tangent)
+        tangent
+        if isinstance(tangent, ad.Zero)
+        else refuse_reverse_mode("this derivative", tangent)
         for tangent in tangents[sum(sizes) :]
     ]
     return slopes, tangents
@@ -116,7 +120,9 @@ _transposed_by.def_abstract_eval(_get_slopes)
 ad.primitive_transposes[_transposed_by] = _transpose
 ad.primitive_jvps[_transposed_by] = _differentiate
 batching.primitive_batchers[_transposed_by] = _batch
-mlir.register_lowering(_transposed_by, lambda _, *operands, **rest: _get_slopes(*operands, **rest))
+mlir.register_lowering(
+    _transposed_by, lambda _, *operands, **rest: _get_slopes(*operands, **rest)
+)
 
 
 def refuse_reverse_mode(name: str, tree: _T) -> _T:

@@ -63,7 +63,9 @@ class RecordInput(GroundInput):
     def read(self, place: Integers) -> "RecordInput":
         """Read the line of each lane, by the place of its interval in the arrays."""
         powers = self.horizontal, self.vertical
-        lines = jax.tree.map(lambda power: jnp.asarray(power).at[place].get(mode="clip"), powers)
+        lines = jax.tree.map(
+            lambda power: jnp.asarray(power).at[place].get(mode="clip"), powers
+        )
         return replace(self, horizontal=lines[0], vertical=lines[1], by_lane=True)
 
     def expand(

@@ -2,13 +2,13 @@
 
 import functools
 from collections.abc import Callable, Hashable
-from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from ...block import Block
 from ...ground_motion import Harmonic, Motion, Pulse, Record, Suite
@@ -135,7 +135,7 @@ def _follow_rows(
     lanes: int,
 ) -> SimulatedBatch:
     """Follow the blocks of the first `count` columns, whose rows are their arguments."""
-    prepared = _prepare_rows(ground, rows, program)
+    prepared = _prepare_rows(ground, program, rows)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
         return take_step(lanes, case, ground, program.order)
@@ -144,7 +144,7 @@ def _follow_rows(
     return _summarize(prepared, ends)
 
 
-def _prepare_rows(ground: GroundInput, rows: Reals, program: _Program) -> PreparedBlocks:
+def _prepare_rows(ground: GroundInput, program: _Program, rows: Reals) -> PreparedBlocks:
     arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
     return prepare_blocks(ground, arguments, program.model)
 
@@ -190,20 +190,14 @@ def _summarize(prepared: PreparedBlocks, ends: FinalStates) -> SimulatedBatch:
     return SimulatedBatch(response, *sums)
 
 
+@functools.partial(jax.jit, static_argnames="program")
 def _pull_rows(
     inputs: tuple[GroundInput, Reals], cotangents: SimulatedBatch, program: _Program
-) -> tuple[GroundInput, Reals]:
-    """Pull cotangents of the answers back to the samples and the rows of arguments."""
+) -> tuple[PyTree, Reals]:
+    """Pull cotangents of answers back to the input and the rows, in reverse mode."""
     ground, rows = inputs
-
-    def prepare(rows: Reals) -> PreparedBlocks:
-        return _prepare_rows(ground, rows, program)
-
-    lanes = min(_LANES, rows.shape[1])
-    return pull_back(ground, rows, cotangents, lanes, program.order, prepare, _summarize)
-
-
-_pull_rows_jitted = jax.jit(_pull_rows, static_argnames=("program",))
+    prepare = functools.partial(_prepare_rows, ground, program)
+    return pull_back(ground, rows, cotangents, program.order, prepare, _summarize)
 
 
 # Inside of transformations, where options of the compiler are not allowed. Without this, the
@@ -347,8 +341,10 @@ def simulate_batch(
         # The samples of a record may be all that is traced.
         ground, rows = jax.tree.map(jnp.asarray, (ground, rows))
         number = rows.shape[1] if count is None else count
-        result = _follow_rows_jitted(ground, rows, number, program=program, lanes=min(_LANES, rows.shape[1]))
-        result = transpose_by(functools.partial(_pull_rows_jitted, program=program), (ground, rows), result)
+        lanes = min(_LANES, rows.shape[1])
+        result = _follow_rows_jitted(ground, rows, number, program=program, lanes=lanes)
+        pull = functools.partial(_pull_rows, program=program)
+        result = transpose_by(pull, (ground, rows), result)
     else:
         result = _share_out(ground, rows, program)
     shape = batch.shape
