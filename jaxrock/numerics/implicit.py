@@ -24,12 +24,8 @@ def differentiate_by_jacobian(
     number, and then applied: a linear map, which both modes can use. A derivative of that
     exists in forward mode only. Options, by keyword, have no derivatives.
 
-    Parameters
-    ----------
-    function : callable
-    of_arrays : callable, optional
-        The same function, with both modes of its own with respect to arrays with axes: for
-        their many numbers there is no Jacobian then.
+    `of_arrays` is the same function with derivatives of its own, which count instead where an
+    array with axes is perturbed: it has too many numbers.
     """
     wrapped = eqx.filter_custom_jvp(function)
 
@@ -37,58 +33,39 @@ def differentiate_by_jacobian(
     def apply_jacobian(
         primals: PyTree, tangents: PyTree, **options: object
     ) -> tuple[PyTree, PyTree]:
-        has_axes = jax.tree.map(lambda t: of_arrays is not None and t.ndim > 0, tangents)
-        directions, tangents = eqx.partition(tangents, has_axes)
-        applied = []
-        if jax.tree.leaves(directions):
-            moving, compute = _split_moving(of_arrays, primals, directions, options)
-            values, slopes, static = jax.jvp(compute, (moving,), (directions,), has_aux=True)
-            applied.append(slopes)
-        if jax.tree.leaves(tangents):
-            moving, compute = _split_moving(function, primals, tangents, options)
-            numbers, unravel = ravel_pytree(moving)
-            direction, _ = ravel_pytree(tangents)
+        if of_arrays and any(tangent.ndim for tangent in jax.tree.leaves(tangents)):
+            return eqx.filter_jvp(of_arrays, primals, tangents, **options)
+        # Equinox writes None for the tangent of a leaf that is not perturbed.
+        perturbed = jax.tree.map(
+            lambda t: t is not None, tangents, is_leaf=lambda t: t is None
+        )
+        moving, fixed = eqx.partition(primals, perturbed)
+        numbers, unravel = ravel_pytree(moving)
+        direction, _ = ravel_pytree(tangents)
 
-            def differentiate_along(basis: Array) -> tuple[PyTree, PyTree, PyTree]:
-                return jax.jvp(
-                    lambda numbers: compute(unravel(numbers)),
-                    (numbers,),
-                    (basis,),
-                    has_aux=True,
-                )
+        def compute(numbers: Array) -> tuple[PyTree, PyTree]:
+            """Compute the answer, its real arrays apart from the rest."""
+            result = function(*eqx.combine(unravel(numbers), fixed), **options)
+            return eqx.partition(result, eqx.is_inexact_array)
 
-            if numbers.size == 1:  # without `vmap`, a program that is a third smaller
-                values, slopes, static = differentiate_along(jnp.ones_like(numbers))
-                jacobian = jax.tree.map(lambda slope: slope[None], slopes)
-            else:
-                along_each = jax.vmap(differentiate_along, out_axes=(None, 0, None))
-                values, jacobian, static = along_each(
-                    jnp.eye(numbers.size, dtype=numbers.dtype)
-                )
-            # A second derivative goes through the loops themselves.
-            values, jacobian = refuse_reverse_mode("this derivative", (values, jacobian))
-            # The directions enter here only, linearly: that is what reverse mode transposes.
-            applied.append(
-                jax.tree.map(lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian)
-            )
-        return eqx.combine(values, static), jax.tree.map(lambda *parts: sum(parts), *applied)
+        def differentiate_along(basis: Array) -> tuple[PyTree, PyTree, PyTree]:
+            return jax.jvp(compute, (numbers,), (basis,), has_aux=True)
+
+        if numbers.size == 1:  # without `vmap`, a program that is a third smaller
+            values, slopes, static = differentiate_along(jnp.ones_like(numbers))
+            jacobian = jax.tree.map(lambda slope: slope[None], slopes)
+        else:
+            along_each = jax.vmap(differentiate_along, out_axes=(None, 0, None))
+            values, jacobian, static = along_each(jnp.eye(numbers.size, dtype=numbers.dtype))
+        # A second derivative goes through the loops themselves.
+        values, jacobian = refuse_reverse_mode("this derivative", (values, jacobian))
+        # The directions enter here only, linearly: that is what reverse mode transposes.
+        applied = jax.tree.map(
+            lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian
+        )
+        return eqx.combine(values, static), applied
 
     return wrapped
-
-
-def _split_moving(
-    function: Callable[..., PyTree], primals: PyTree, tangents: PyTree, options: dict
-) -> tuple[PyTree, Callable[[PyTree], tuple[PyTree, PyTree]]]:
-    """Split off what has tangents; and compute the answer of it, real arrays and the rest."""
-    # Equinox writes None for the tangent of a leaf that is not perturbed.
-    perturbed = jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None)
-    moving, fixed = eqx.partition(primals, perturbed)
-
-    def compute(moving: PyTree) -> tuple[PyTree, PyTree]:
-        result = function(*eqx.combine(moving, fixed), **options)
-        return eqx.partition(result, eqx.is_inexact_array)
-
-    return moving, compute
 
 
 class Root(NamedTuple):

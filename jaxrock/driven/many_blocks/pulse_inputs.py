@@ -104,10 +104,10 @@ class SineInput(PulseInput):
         return jnp.asarray(self.phase_rate) * self.extent / length
 
     def expand(
-        self, excitation: Excitation, interval: Integers, along: Reals, order: int
+        self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
         """Expand the sine: its second derivative is -rate^2 times itself."""
-        del interval
+        del line
         rate = excitation.rate
         sine, cosine = _compute_sine_cosine(self.compute_phase(rate, along))
         c = [excitation.strength * sine, excitation.strength * cosine * rate]
@@ -137,10 +137,10 @@ class RickerInput(PulseInput):
         return math.pi * jnp.asarray(self.extent) / length
 
     def expand(
-        self, excitation: Excitation, interval: Integers, along: Reals, order: int
+        self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
         """Expand the bell by its differential equation bell' = -2 phase bell."""
-        del interval
+        del line
         rate = excitation.rate
         phase = self.compute_phase(rate, along)
         bell = [excitation.strength * jnp.exp(-phase * phase)]

@@ -1,9 +1,7 @@
 """Records for the batch: a line between samples, and the next interval that is strong enough."""
 
-from dataclasses import replace
 from typing import ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -39,8 +37,6 @@ class RecordInput(GroundInput):
     following: HostIntegers  # next stronger stride, flattened from (strides, grades)
     first_intervals: HostIntegers  # place of the first interval of each motion
     intervals: HostIntegers  # of each motion
-    # Whether the arrays of powers have the interval of each lane alone; see `read`.
-    by_lane: bool = eqx.field(static=True, default=False)
 
     # Samples keep steps short, so that high orders would be wasted.
     orders: ClassVar[dict[int, int]] = {8: 9, 4: 8}
@@ -60,28 +56,24 @@ class RecordInput(GroundInput):
         """Compute the rate of the samples."""
         return 1 / length
 
-    def read(self, place: Integers) -> "RecordInput":
-        """Read the line of each lane, by the place of its interval in the arrays."""
-        powers = self.horizontal, self.vertical
-        lines = jax.tree.map(
-            lambda power: jnp.asarray(power).at[place].get(mode="clip"), powers
-        )
-        return replace(self, horizontal=lines[0], vertical=lines[1], by_lane=True)
+    def read(self, place: Integers) -> tuple:
+        """Read the lines through both samples, horizontal and vertical."""
+        lines = self.horizontal, self.vertical
+        return jax.tree.map(lambda c: jnp.asarray(c).at[place].get(mode="clip"), lines)
 
     def expand(
-        self, excitation: Excitation, interval: Integers, along: Reals, order: int
+        self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
-        """Read the line through both samples, and move its origin to `along`."""
-        if not self.by_lane:
-            lines = self.read(excitation.first_interval + interval)
-            return lines.expand(excitation, interval, along, order)
+        """Move the origin of the line to `along`."""
+        del order
         share = along * excitation.rate
 
-        def scale(powers: tuple[HostReals, ...]) -> Coefficients:
-            c = tuple(jnp.asarray(power) * excitation.strength for power in powers)
+        def move(powers: tuple[Reals, ...]) -> Coefficients:
+            c = tuple(power * excitation.strength for power in powers)
             return (evaluate(c, share), c[1] * excitation.rate) if c else ()
 
-        return scale(self.horizontal), scale(self.vertical)
+        horizontal, vertical = line
+        return move(horizontal), move(vertical)
 
     def find_uplift_times(self, rate: Reals, needed: Reals) -> tuple[Reals, ...]:
         """Return none: the table says where to look."""

@@ -133,25 +133,20 @@ def _follow_rows(
     count: Integers | int,
     program: _Program,
     lanes: int,
+    ends: FinalStates | None = None,
 ) -> SimulatedBatch:
-    """Follow the blocks of the first `count` columns, whose rows are their arguments."""
-    prepared = _prepare_rows(ground, program, rows)
+    """Follow the blocks of the first `count` columns, whose rows are their arguments.
+
+    Or only make the answers, if the states at their `ends` are given.
+    """
+    arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
+    case, initial, unit, valid = prepare_blocks(ground, arguments, program.model)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
         return take_step(lanes, case, ground, program.order)
 
-    ends = work_off(ground, prepared.case, prepared.initial, count, lanes, step)
-    return _summarize(prepared, ends)
-
-
-def _prepare_rows(ground: GroundInput, program: _Program, rows: Reals) -> PreparedBlocks:
-    arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
-    return prepare_blocks(ground, arguments, program.model)
-
-
-def _summarize(prepared: PreparedBlocks, ends: FinalStates) -> SimulatedBatch:
-    """Compute the answers from the states at the end."""
-    case, _, unit, valid = prepared
+    if ends is None:
+        ends = work_off(ground, case, initial, count, lanes, step)
     # In as few bytes as a boolean: statuses of large batches are copied like all else.
     status = jnp.where(ends.finished > 0, Status.COMPLETE, Status.STOPPED)
     status = jnp.where(valid, status, Status.INVALID).astype(jnp.int8)
@@ -193,11 +188,18 @@ def _summarize(prepared: PreparedBlocks, ends: FinalStates) -> SimulatedBatch:
 @functools.partial(jax.jit, static_argnames="program")
 def _pull_rows(
     inputs: tuple[GroundInput, Reals], cotangents: SimulatedBatch, program: _Program
-) -> tuple[PyTree, Reals]:
-    """Pull cotangents of answers back to the input and the rows, in reverse mode."""
+) -> PyTree:
+    """Pull cotangents of answers back to the input and the rows, for reverse mode."""
     ground, rows = inputs
-    prepare = functools.partial(_prepare_rows, ground, program)
-    return pull_back(ground, rows, cotangents, program.order, prepare, _summarize)
+
+    def prepare(rows: Reals) -> PreparedBlocks:
+        arguments = jax.tree.unflatten(program.form, list(rows))
+        return prepare_blocks(ground, arguments, program.model)
+
+    def answer(rows: Reals, ends: FinalStates) -> SimulatedBatch:
+        return _follow_rows(ground, rows, 0, program, 0, ends)
+
+    return pull_back(ground, rows, cotangents, program.order, prepare, answer)
 
 
 # Inside of transformations, where options of the compiler are not allowed. Without this, the
@@ -344,7 +346,7 @@ def simulate_batch(
         lanes = min(_LANES, rows.shape[1])
         result = _follow_rows_jitted(ground, rows, number, program=program, lanes=lanes)
         pull = functools.partial(_pull_rows, program=program)
-        result = transpose_by(pull, (ground, rows), result)
+        result = transpose_by((ground, rows), result, pull=pull)
     else:
         result = _share_out(ground, rows, program)
     shape = batch.shape

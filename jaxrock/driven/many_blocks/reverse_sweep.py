@@ -1,9 +1,9 @@
-"""Derivatives in reverse mode: costates that run backwards along the steps of a simulation.
+"""Reverse mode of a batch: costates that run backwards along the steps of the simulation.
 
 The steps of a block are known once it has been simulated. Each is transposed at the state from
-which it was taken, with its impact, so that the derivatives are those of forward mode. The states
-are kept in windows of steps: the last window is there when the simulation ends, each other one
-is simulated again from its first state.
+which it was taken, with its impact: the derivatives are those of forward mode. The states are
+kept in windows of steps. The last window is there when the simulation ends; each window before
+it is simulated again, from its first state.
 """
 
 from collections.abc import Callable
@@ -22,13 +22,11 @@ from .queue import FinalStates
 from .record_input import RecordInput
 from .step import Lanes, take_step
 
-# Blocks side by side, as in the simulation, and states of each in a window: 8 MB in all.
+# Blocks side by side, as in the simulation, and states of them in a window: 8 MB.
 _LANES = 64
 _ROOM = 2**16
-# Windows of a motion. One that takes more has derivatives that are NaN.
+# Windows of a motion. If it takes more, its derivatives are NaN.
 _WINDOWS = 2**9
-
-_Samples = tuple[tuple[Reals, ...], ...]  # horizontal and vertical, or cotangents of them
 
 
 class _Sweep(NamedTuple):
@@ -38,10 +36,11 @@ class _Sweep(NamedTuple):
     returns: Booleans
     starts: Lanes  # of the windows
     states: Lanes  # in the window
+    lines: tuple  # cotangents of what these states read of the ground
     costates: Lanes
-    blocks: PreparedBlocks  # cotangents, like the samples
-    lines: _Samples  # of the states in the window
-    samples: _Samples
+    blocks: PreparedBlocks  # cotangents, as all that follow
+    rows: Reals
+    samples: tuple
 
 
 def pull_back(
@@ -50,132 +49,120 @@ def pull_back(
     cotangents: PyTree,
     order: int,
     prepare: Callable[[Reals], PreparedBlocks],
-    summarize: Callable[[PreparedBlocks, FinalStates], PyTree],
+    answer: Callable[[Reals, FinalStates], PyTree],
 ) -> tuple[PyTree, Reals]:
-    """Pull cotangents of answers back to the samples of the ground and to rows of arguments.
+    """Pull cotangents of answers back to the samples of the ground and the rows of arguments.
 
-    `prepare` makes the blocks from the rows, `summarize` the answers from final states.
+    `prepare` makes blocks from rows, and `answer` the answers from rows and final states.
     """
     count = rows.shape[1]
-    lanes = min(count, _LANES)
-    leaves, form = jax.tree.flatten(cotangents)
-    table = jnp.stack([*rows, *leaves])
-    # Blocks of zeros fill the last group. They are not valid, and not simulated.
-    padded = jnp.pad(table, ((0, 0), (0, -count % lanes)))
-    groups = padded.reshape(len(table), -1, lanes).swapaxes(0, 1)
+    size = min(count, _LANES)
+    length = _ROOM // size
+    samples = (ground.horizontal, ground.vertical) if isinstance(ground, RecordInput) else ()
 
-    def pull_group(samples: _Samples, group: Reals) -> tuple[_Samples, Reals]:
-        prepared, pull_prepared = eqx.filter_vjp(prepare, group[: len(rows)])
-        ends = form.unflatten(group[len(rows) :])
+    def pull_group(samples: tuple, group: tuple[Reals, PyTree]) -> tuple[tuple, Reals]:
+        rows, cotangents = group
+        prepared, pull_prepared = eqx.filter_vjp(prepare, rows)
+        case = prepared.case
+        resting = ground.find_next_interval(jnp.zeros(size, jnp.int32), case.excitation)
 
-        def finish(prepared: PreparedBlocks, lanes: Lanes) -> PyTree:
-            return summarize(prepared, FinalStates.of(lanes, prepared.case))
+        def begin(prepared: PreparedBlocks) -> Lanes:
+            return Lanes.begin(prepared.initial, prepared.case, resting)
 
-        def pull_end(lanes: Lanes) -> tuple[PreparedBlocks, Lanes]:
-            return eqx.filter_vjp(finish, prepared, lanes)[1](ends)
+        def take(prepared: PreparedBlocks, lanes: Lanes, line: tuple) -> Lanes:
+            return take_step(lanes, prepared.case, ground, order, line)
 
-        samples, pulled = _sweep(ground, prepared, order, pull_end, samples)
-        # What is not valid has no derivatives, as in forward mode.
-        return samples, jnp.where(prepared.valid, pull_prepared(pulled)[0], 0)
+        def finish(rows: Reals, lanes: Lanes) -> PyTree:
+            return answer(rows, FinalStates.of(lanes, case))
 
-    nothing = jax.tree.map(jnp.zeros_like, _get_samples(ground))
+        def are_active(lanes: Lanes) -> Booleans:
+            return lanes.are_active(case) & prepared.valid
+
+        def goes_on(state: tuple[Integers, Lanes, Lanes]) -> Booleans:
+            return (state[0] < length) & are_active(state[1]).any()
+
+        def run_step(state: tuple[Integers, Lanes, Lanes]) -> tuple[Integers, Lanes, Lanes]:
+            step, lanes, states = state
+            next_lanes = take_step(lanes, case, ground, order)
+            return step + 1, next_lanes, _write(states, step, lanes)
+
+        def pull_step(state: tuple[Integers, _Sweep]) -> tuple[Integers, _Sweep]:
+            step, sweep = state[0] - 1, state[1]
+            lanes = _read(sweep.states, step)
+            line = ground.read(case.excitation.first_interval + lanes.interval)
+            pulled = eqx.filter_vjp(take, prepared, lanes, line)[1](sweep.costates)
+            active = are_active(lanes)
+            pulled = jax.tree.map(lambda x: jnp.where(active, x, 0), pulled)
+            kept = jax.tree.map(lambda x: jnp.where(active, 0, x), sweep.costates)
+            return step, sweep._replace(
+                blocks=_add(sweep.blocks, pulled[0]),
+                costates=_add(kept, pulled[1]),
+                lines=_write(sweep.lines, step, pulled[2]),
+            )
+
+        def pull_window(sweep: _Sweep) -> _Sweep:
+            start = 0, _read(sweep.starts, sweep.window), sweep.states
+            steps, lanes, states = jax.lax.while_loop(goes_on, run_step, start)
+            active = are_active(lanes)
+            ends = ~active.any() | (sweep.window == _WINDOWS - 1)
+            # What has not ended by then has no derivatives.
+            pulled = eqx.filter_vjp(finish, rows, lanes)[1](cotangents)
+            pulled = jax.tree.map(lambda x: jnp.where(active, jnp.nan, x), pulled)
+            at_end = jax.tree.map(lambda x: jnp.where(ends, x, 0), pulled)
+            sweep = sweep._replace(
+                returns=sweep.returns | ends,
+                starts=_write(sweep.starts, sweep.window + 1, lanes),
+                states=states,
+                rows=sweep.rows + at_end[0],
+                costates=_add(sweep.costates, at_end[1]),
+            )
+            begin = jnp.where(sweep.returns, steps, 0), sweep
+            sweep = jax.lax.while_loop(lambda state: state[0] > 0, pull_step, begin)[1]
+            # Outside of the loop, which a scatter would keep from being one function.
+            places = case.excitation.first_interval + states.interval
+            samples = jax.tree.map(
+                lambda x, y: x.at[places].add(y), sweep.samples, sweep.lines
+            )
+            window = sweep.window + jnp.where(sweep.returns, -1, 1)
+            return sweep._replace(window=window, samples=samples)
+
+        lanes, pull_begin = eqx.filter_vjp(begin, prepared)
+        reals = eqx.filter((lanes, prepared), eqx.is_inexact_array)
+        costates, blocks = jax.tree.map(jnp.zeros_like, reals)
+        line = ground.read(resting)
+        sweep = _Sweep(
+            window=jnp.zeros((), jnp.int32),
+            returns=jnp.zeros((), bool),
+            starts=_write(_make_room(lanes, _WINDOWS + 1), 0, lanes),
+            states=_make_room(lanes, length),
+            lines=_make_room(line, length),
+            costates=costates,
+            blocks=blocks,
+            rows=jnp.zeros_like(rows),
+            samples=samples,
+        )
+        sweep = jax.lax.while_loop(lambda sweep: sweep.window >= 0, pull_window, sweep)
+        blocks = _add(sweep.blocks, pull_begin(sweep.costates)[0])
+        pulled = sweep.rows + pull_prepared(blocks)[0]
+        # What is not valid has no derivatives either, as in forward mode.
+        return sweep.samples, jnp.where(prepared.valid, pulled, 0)
+
+    def split(x: Reals) -> Reals:
+        # Blocks of zeros fill the last group: they are not valid, and not simulated.
+        padded = jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, -count % size)])
+        return jnp.moveaxis(padded.reshape(*x.shape[:-1], -1, size), -2, 0)
+
+    nothing = jax.tree.map(jnp.zeros_like, samples)
+    groups = jax.tree.map(split, (rows, cotangents))
     samples, pulled = jax.lax.scan(pull_group, nothing, groups)
     pulled_ground = eqx.filter(ground, False)
     if samples:
         pulled_ground = replace(pulled_ground, horizontal=samples[0], vertical=samples[1])
-    return pulled_ground, pulled.swapaxes(0, 1).reshape(len(rows), -1)[:, :count]
+    return pulled_ground, jnp.moveaxis(pulled, 0, 1).reshape(len(rows), -1)[:, :count]
 
 
-def _sweep(
-    ground: GroundInput,
-    prepared: PreparedBlocks,
-    order: int,
-    pull_end: Callable[[Lanes], tuple[PreparedBlocks, Lanes]],
-    samples: _Samples,
-) -> tuple[_Samples, PreparedBlocks]:
-    """Simulate blocks side by side to their ends, and go back along their steps.
-
-    Returns the cotangents of the samples, added to those given, and of the blocks.
-    """
-    case = prepared.case
-    length = max(_ROOM // case.duration.size, 1)
-    begin = jnp.zeros(case.duration.shape, jnp.int32)
-    resting = ground.find_next_interval(begin, case.excitation)
-
-    def are_active(lanes: Lanes) -> Booleans:
-        return lanes.are_active(case) & prepared.valid
-
-    def take(prepared: PreparedBlocks, lanes: Lanes, ground: GroundInput) -> Lanes:
-        return take_step(lanes, prepared.case, ground, order)
-
-    def run_step(state: tuple[Integers, Lanes, Lanes]) -> tuple[Integers, Lanes, Lanes]:
-        step, lanes, states = state
-        return step + 1, take(prepared, lanes, ground), _write(states, step, lanes)
-
-    def pull_step(state: tuple[Integers, _Sweep]) -> tuple[Integers, _Sweep]:
-        step, sweep = state[0] - 1, state[1]
-        lanes = _read(sweep.states, step)
-        line = ground.read(case.excitation.first_interval + lanes.interval)
-        _, pull = eqx.filter_vjp(take, prepared, lanes, line)
-        active = are_active(lanes)
-        pulled = jax.tree.map(lambda x: jnp.where(active, x, 0), pull(sweep.costates))
-        kept = jax.tree.map(lambda x: jnp.where(active, 0, x), sweep.costates)
-        return step, sweep._replace(
-            costates=jax.tree.map(jnp.add, kept, pulled[1]),
-            blocks=jax.tree.map(jnp.add, sweep.blocks, pulled[0]),
-            lines=_write(sweep.lines, step, _get_samples(pulled[2])),
-        )
-
-    def pull_window(sweep: _Sweep) -> _Sweep:
-        count, lanes, states = jax.lax.while_loop(
-            lambda state: (state[0] < length) & are_active(state[1]).any(),
-            run_step,
-            (0, _read(sweep.starts, sweep.window), sweep.states),
-        )
-        goes_on = are_active(lanes)
-        ends = ~goes_on.any() | (sweep.window == _WINDOWS - 1)
-        returns = sweep.returns | ends
-        blocks, costates = pull_end(lanes)
-        sweep = sweep._replace(
-            returns=returns,
-            starts=_write(sweep.starts, sweep.window + 1, lanes),
-            states=states,
-            costates=jax.tree.map(
-                lambda x, old: jnp.where(ends, jnp.where(goes_on, jnp.nan, x), old),
-                costates,
-                sweep.costates,
-            ),
-            blocks=jax.tree.map(lambda x, y: x + jnp.where(ends, y, 0), sweep.blocks, blocks),
-        )
-        _, sweep = jax.lax.while_loop(
-            lambda state: state[0] > 0, pull_step, (jnp.where(returns, count, 0), sweep)
-        )
-        # Not in the loop, which would not be one function of the processor.
-        places = case.excitation.first_interval + sweep.states.interval
-        return sweep._replace(
-            window=sweep.window + jnp.where(returns, -1, 1),
-            samples=jax.tree.map(lambda x, y: x.at[places].add(y), sweep.samples, sweep.lines),
-        )
-
-    def begin_lanes(prepared: PreparedBlocks) -> Lanes:
-        return Lanes.begin(prepared.initial, prepared.case, resting)
-
-    lanes, pull_begin = eqx.filter_vjp(begin_lanes, prepared)
-    costates, blocks = jax.tree.map(
-        jnp.zeros_like, eqx.filter((lanes, prepared), eqx.is_inexact_array)
-    )
-    sweep = _Sweep(
-        window=jnp.zeros((), jnp.int32),
-        returns=jnp.zeros((), bool),
-        starts=_write(_make_room(lanes, _WINDOWS + 1), 0, lanes),
-        states=_make_room(lanes, length),
-        costates=costates,
-        blocks=blocks,
-        lines=jax.tree.map(lambda x: jnp.zeros((length, *begin.shape), x.dtype), samples),
-        samples=samples,
-    )
-    sweep = jax.lax.while_loop(lambda sweep: sweep.window >= 0, pull_window, sweep)
-    return sweep.samples, jax.tree.map(jnp.add, sweep.blocks, pull_begin(sweep.costates)[0])
+def _add(a: PyTree, b: PyTree) -> PyTree:
+    return jax.tree.map(jnp.add, a, b)
 
 
 def _make_room(row: PyTree, length: int) -> PyTree:
@@ -188,9 +175,4 @@ def _write(rows: PyTree, index: Integers, row: PyTree) -> PyTree:
 
 
 def _read(rows: PyTree, index: Integers) -> PyTree:
-    read = jax.lax.dynamic_index_in_dim
-    return jax.tree.map(lambda xs: read(xs, index, keepdims=False), rows)
-
-
-def _get_samples(ground: GroundInput) -> _Samples:
-    return (ground.horizontal, ground.vertical) if isinstance(ground, RecordInput) else ()
+    return jax.tree.map(lambda xs: xs[index], rows)

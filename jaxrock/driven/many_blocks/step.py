@@ -151,8 +151,11 @@ def take_step(
     case: Case,
     ground: GroundInput,
     order: int,
+    line: tuple | None = None,
 ) -> Lanes:
     """Take each lane a step further; the table above says where it leads.
+
+    `line` is what has been read of the ground in each lane's interval, if it has been.
 
     All rows of the table are computed for all lanes, and `where` picks: lanes run on SIMD
     lanes of the processor, which have no branches.
@@ -174,7 +177,9 @@ def take_step(
     # and repeat it there.
     strength = materialize(jnp.where(acts, case.excitation.strength, 0))
     excitation = replace(case.excitation, strength=strength)
-    horizontal, lift = ground.expand(excitation, lanes.interval, lanes.elapsed, order)
+    if line is None:
+        line = ground.read(excitation.first_interval + lanes.interval)
+    horizontal, lift = ground.expand(excitation, line, lanes.elapsed, order)
     push = tuple(lanes.side * part for part in horizontal)
     horizontal, lift, push, time_left = materialize((horizontal, lift, push, time_left))
 

@@ -119,15 +119,16 @@ def follow_driven(
     return FollowedMotion(response, state.last_impact)
 
 
-def _follow_samples(driven: Driven, **options: object) -> FollowedMotion:
-    """Follow a block, with derivatives with respect to the samples of a record."""
-    followed = eqx.filter_jit(follow_driven)(driven, **options)
+def _follow_by_samples(driven: Driven, **options: object) -> FollowedMotion:
+    """Follow a block, with other derivatives than `differentiate_by_jacobian` gives."""
+    followed = _follow_jitted(driven, **options)
     return followed._replace(response=transpose_by_sweep(driven, followed.response))
 
 
+_follow_jitted = eqx.filter_jit(follow_driven)
 # Compiled once for all tolerances, with derivatives in both modes.
 follow_driven_jitted = eqx.filter_jit(
-    differentiate_by_jacobian(follow_driven, of_arrays=_follow_samples)
+    differentiate_by_jacobian(follow_driven, of_arrays=_follow_by_samples)
 )
 
 

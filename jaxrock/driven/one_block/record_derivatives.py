@@ -1,45 +1,35 @@
-"""A response with derivatives with respect to the samples of a record, in both modes."""
+"""Reverse mode of a response with respect to the samples of a record."""
 
 import equinox as eqx
-import jax
 
 from ...numerics import refuse_reverse_mode, transpose_by
 from ...validation import Reals
-from ..many_blocks import Batch, follow_batch
+from ..many_blocks import Batch, BatchResponse, follow_batch
 from ..scene import Driven
 from .response import Response
 
 # Steps of the batch end at each sample anyway: for this tolerance few are added.
 _TOLERANCE = 1e-12
-_SWEPT = "final_rotation", "final_velocity", "peak_rotation", "margin"
+_SWEPT = "peak_rotation", "final_rotation", "final_velocity", "margin"
 
 
 def transpose_by_sweep(driven: Driven, response: Response) -> Response:
-    """Give a response, differentiable in forward mode, reverse mode with respect to samples.
+    """Give a response, which has derivatives in forward mode, reverse mode as well.
 
-    The batch solves the same equation, and its sweep goes back from the final state and from the
-    peak. Reverse mode of the other answers is refused.
+    By the sweep of the batch, which solves the same equation. It goes back from the peak and
+    from the states at the end: of other answers reverse mode is refused.
     """
 
+    def get_swept(response: Response | BatchResponse) -> list[Reals]:
+        return [getattr(response, name) for name in _SWEPT]
+
     def follow(driven: Driven) -> list[Reals]:
-        batch = Batch.of(
-            driven.block,
-            driven.restitution,
-            driven.motion,
-            driven.duration,
-            rotation=driven.rotation,
-            velocity=driven.velocity,
-            rtol=_TOLERANCE,
-        )
-        answers = follow_batch(batch, response.model)
-        return [getattr(answers, name) for name in _SWEPT]
+        batch = Batch.of(**vars(driven), rtol=_TOLERANCE)
+        return get_swept(follow_batch(batch, response.model))
 
     def pull(driven: Driven, cotangents: list[Reals]) -> Driven:
         return eqx.filter_vjp(follow, driven)[1](cotangents)[0]
 
-    def get_swept(response: Response) -> list[Reals]:
-        return [getattr(response, name) for name in _SWEPT]
-
-    swept = transpose_by(pull, driven, get_swept(response))
-    name = f"with respect to samples, whatever is not {', '.join(_SWEPT)}"
+    swept = transpose_by(driven, get_swept(response), pull=pull)
+    name = f"with respect to samples, an answer that is not {', '.join(_SWEPT)}"
     return eqx.tree_at(get_swept, refuse_reverse_mode(name, response), swept)
