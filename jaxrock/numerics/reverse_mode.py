@@ -8,17 +8,17 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.extend.core import Primitive
+from jax.flatten_util import ravel_pytree
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, PyTree
 
 _T = TypeVar("_T")
-_Leaves = list[Array]
+_Pull = Callable[[list[Array], Array], Array]
 
-# The tangents of answers. Cotangents do not go back to them, since their loops have no reverse
-# mode, but by `pull` to the tangents of the inputs. The operands are the inputs, as many of their
-# tangents as `sizes` says, and the tangents of the answers.
+# The tangent of answers, its last operand. Cotangents do not go back to it, whose loops have no
+# reverse mode, but by `pull` to the operand before, the tangent of the inputs. All operands
+# before are the inputs.
 _transposed_by = Primitive("transposed_by")
-_transposed_by.multiple_results = True
 
 
 @eqx.filter_custom_jvp
@@ -46,65 +46,53 @@ def _give_tangents(
     values, form = jax.tree.flatten(inputs)
     # Equinox writes None for the tangent of a leaf that is not perturbed.
     moves = jax.tree.map(lambda t: t is not None, tangents[0], is_leaf=lambda t: t is None)
-    moved = jax.tree.leaves(tangents[0])
+    moved, _ = ravel_pytree(tangents[0])
     reals = eqx.filter(answers, eqx.is_inexact_array)
     slopes = jax.tree.map(
         lambda x, t: jnp.zeros_like(x) if t is None else t, reals, tangents[1]
     )
-    slopes, answer_form = jax.tree.flatten(slopes)
+    slope, unravel = ravel_pytree(slopes)
 
-    def pull_leaves(values: _Leaves, cotangents: _Leaves) -> _Leaves:
-        pulled = pull(form.unflatten(values), answer_form.unflatten(cotangents))
-        return jax.tree.leaves(eqx.filter(pulled, moves))
+    def pull_flat(values: list[Array], cotangent: Array) -> Array:
+        pulled = pull(form.unflatten(values), unravel(cotangent))
+        return ravel_pytree(eqx.filter(pulled, moves))[0]
 
-    sizes = len(values), len(moved)
-    slopes = _transposed_by.bind(*values, *moved, *slopes, pull=pull_leaves, sizes=sizes)
-    return answers, answer_form.unflatten(slopes)
-
-
-def _get_slopes(*operands: Array, sizes: tuple[int, int], **_: object) -> _Leaves:
-    return list(operands[sum(sizes) :])
+    return answers, unravel(_transposed_by.bind(*values, moved, slope, pull=pull_flat))
 
 
 def _transpose(
-    cotangents: list, *operands: Array, pull: Callable, sizes: tuple[int, int]
-) -> list:
-    known, moved = sizes
-    if all(isinstance(cotangent, ad.Zero) for cotangent in cotangents):
-        return [None] * len(operands)
-    cotangents = [ad.instantiate_zeros(cotangent) for cotangent in cotangents]
-    return [None] * known + pull([*operands[:known]], cotangents) + [None] * len(cotangents)
+    cotangent: Array | ad.Zero, *operands: Array, pull: _Pull
+) -> list[Array | None]:
+    none = [None] * len(operands[:-2])
+    if isinstance(cotangent, ad.Zero):
+        return [*none, None, None]
+    return [*none, pull([*operands[:-2]], cotangent), None]
 
 
-def _differentiate(operands: _Leaves, tangents: list, **options: tuple) -> tuple[list, list]:
+def _differentiate(
+    operands: list[Array], tangents: list[Array | ad.Zero], pull: _Pull
+) -> tuple[Array, Array]:
     # A second derivative goes through the loops themselves.
-    slopes = _transposed_by.bind(*operands, **options)
-    tangents = map(ad.instantiate_zeros, tangents[sum(options["sizes"]) :])
-    return slopes, refuse_reverse_mode("this derivative", list(tangents))
+    tangent = refuse_reverse_mode("this derivative", ad.instantiate_zeros(tangents[-1]))
+    return _transposed_by.bind(*operands, pull=pull), tangent
 
 
-def _batch(
-    operands: _Leaves, axes: list[int | None], *, pull: Callable, sizes: tuple[int, int]
-) -> tuple[_Leaves, list[int]]:
-    known = sizes[0]
+def _batch(operands: list[Array], axes: list[int | None], pull: _Pull) -> tuple[Array, int]:
+    *values, moved, slope = operands
+    *value_axes, moved_axis, slope_axis = axes
     count = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not None)
-    moved = [
-        batching.bdim_at_front(x, axis, count)
-        for x, axis in zip(operands[known:], axes[known:], strict=True)
-    ]
-    pull = jax.vmap(pull, in_axes=(list(axes[:known]), 0))
-    slopes = _transposed_by.bind(*operands[:known], *moved, pull=pull, sizes=sizes)
-    return slopes, [0] * len(slopes)
+    moved = batching.bdim_at_front(moved, moved_axis, count)
+    slope = batching.bdim_at_front(slope, slope_axis, count)
+    pull = jax.vmap(pull, in_axes=(value_axes, 0))
+    return _transposed_by.bind(*values, moved, slope, pull=pull), 0
 
 
-_transposed_by.def_impl(_get_slopes)
-_transposed_by.def_abstract_eval(_get_slopes)
+_transposed_by.def_impl(lambda *operands, pull: operands[-1])
+_transposed_by.def_abstract_eval(lambda *operands, pull: operands[-1])
 ad.primitive_jvps[_transposed_by] = _differentiate
 ad.primitive_transposes[_transposed_by] = _transpose
 batching.primitive_batchers[_transposed_by] = _batch
-mlir.register_lowering(
-    _transposed_by, lambda _, *values, **sizes: _get_slopes(*values, **sizes)
-)
+mlir.register_lowering(_transposed_by, lambda _, *operands, pull: [operands[-1]])
 
 
 def refuse_reverse_mode(name: str, tree: _T) -> _T:

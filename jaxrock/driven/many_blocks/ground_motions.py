@@ -179,8 +179,11 @@ def _make_record_input(records: Sequence[Record]) -> RecordInput:
     # Whether a block might be lifted has no derivative.
     fixed = jax.lax.stop_gradient(samples) if namespace is jnp else samples
     magnitude = functools.reduce(namespace.maximum, map(abs, fixed))
-    strength = namespace.maximum(magnitude[1:], magnitude[:-1])
-    strength = namespace.where(finite[1:] & finite[:-1] & exists[:-1], strength, 0)
+    strength = namespace.where(
+        finite[1:] & finite[:-1] & exists[:-1],
+        namespace.maximum(magnitude[1:], magnitude[:-1]),
+        0,
+    )
     strongest = strength.max()
     grades = np.append(2 ** (-0.5 * np.arange(GRADES - 1)), 0).astype(strength.dtype)
 

@@ -151,7 +151,7 @@ def take_step(
     case: Case,
     ground: GroundInput,
     order: int,
-    line: tuple | None = None,
+    line: tuple = (),
 ) -> Lanes:
     """Take each lane a step further; the table above says where it leads.
 
@@ -177,9 +177,12 @@ def take_step(
     # and repeat it there.
     strength = materialize(jnp.where(acts, case.excitation.strength, 0))
     excitation = replace(case.excitation, strength=strength)
-    if line is None:
-        line = ground.read(excitation.first_interval + lanes.interval)
-    horizontal, lift = ground.expand(excitation, line, lanes.elapsed, order)
+    horizontal, lift = ground.expand(
+        excitation,
+        line or ground.read(excitation.first_interval + lanes.interval),
+        lanes.elapsed,
+        order,
+    )
     push = tuple(lanes.side * part for part in horizontal)
     horizontal, lift, push, time_left = materialize((horizontal, lift, push, time_left))
 

@@ -4,7 +4,7 @@ Each turn of the loop in `follow_driven` waits for the input to lift a block at 
 a block through one segment (`move_to_event`). Then it logs the event.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -119,7 +119,7 @@ def follow_driven(
     return FollowedMotion(response, state.last_impact)
 
 
-def _follow_by_samples(driven: Driven, **options: object) -> FollowedMotion:
+def _follow_by_samples(driven: Driven, **options: Any) -> FollowedMotion:
     """Follow a block, with other derivatives than `differentiate_by_jacobian` gives."""
     followed = _follow_jitted(driven, **options)
     return followed._replace(response=transpose_by_sweep(driven, followed.response))
