@@ -13,6 +13,7 @@ from ..validation import Booleans, Reals
 from .reverse_mode import refuse_reverse_mode
 
 _R = TypeVar("_R")
+_COLUMNS = 64  # of a Jacobian, for one array
 
 
 def differentiate_by_jacobian(
@@ -24,8 +25,8 @@ def differentiate_by_jacobian(
     number, and then applied: a linear map, which both modes can use. A derivative of that
     exists in forward mode only. Options, by keyword, have no derivatives.
 
-    `of_arrays` is the same function with derivatives of its own, which count instead where an
-    array with axes is perturbed: it has too many numbers.
+    `of_arrays` is the same function with derivatives of its own. They count instead where an
+    array of more than 64 numbers is perturbed: a Jacobian would have too many columns.
     """
     wrapped = eqx.filter_custom_jvp(function)
 
@@ -33,7 +34,7 @@ def differentiate_by_jacobian(
     def apply_jacobian(
         primals: PyTree, tangents: PyTree, **options: object
     ) -> tuple[PyTree, PyTree]:
-        if of_arrays and any(tangent.ndim for tangent in jax.tree.leaves(tangents)):
+        if of_arrays and max(tangent.size for tangent in jax.tree.leaves(tangents)) > _COLUMNS:
             return eqx.filter_jvp(of_arrays, primals, tangents, **options)
         # Equinox writes None for the tangent of a leaf that is not perturbed.
         perturbed = jax.tree.map(

@@ -13,7 +13,7 @@ from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, PyTree
 
 _T = TypeVar("_T")
-_Pull = Callable[[list[Array], Array], Array]
+_Pull = Callable[[list, Array], Array]
 
 # The tangent of answers, its last operand. Cotangents do not go back to it, whose loops have no
 # reverse mode, but by `pull` to the operand before, the tangent of the inputs. All operands
@@ -61,7 +61,7 @@ def _give_tangents(
 
 
 def _transpose(
-    cotangent: Array | ad.Zero, *operands: Array, pull: _Pull
+    cotangent: Array | ad.Zero, *operands: Array | ad.UndefinedPrimal, pull: _Pull
 ) -> list[Array | None]:
     none = [None] * len(operands[:-2])
     if isinstance(cotangent, ad.Zero):

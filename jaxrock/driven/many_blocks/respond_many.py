@@ -269,7 +269,8 @@ def respond_batch(
     Each step is a Taylor polynomial, as long as its last terms allow. A pulse enters by its own
     Taylor series, a harmonic motion by one for each period, a record by a line between samples.
     Outside of transformations, the batch is distributed over the devices, or over the cores of
-    a processor. Derivatives exist in forward mode.
+    a processor. Derivatives exist in both modes, in reverse mode by one sweep backwards along
+    the steps of each block.
 
     Examples
     --------

@@ -8,7 +8,6 @@ with all its states.
 
 import functools
 from collections.abc import Callable
-from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -109,7 +108,9 @@ def pull_back(
     samples, pulled = jax.lax.scan(pull_group, jax.tree.map(jnp.zeros_like, samples), groups)
     pulled_ground = eqx.filter(ground, False)
     if samples:
-        pulled_ground = replace(pulled_ground, horizontal=samples[0], vertical=samples[1])
+        pulled_ground = eqx.tree_at(
+            lambda ground: (ground.horizontal, ground.vertical), pulled_ground, samples
+        )
     return pulled_ground, jnp.moveaxis(pulled, 0, 1).reshape(len(rows), -1)[:, :count]
 
 

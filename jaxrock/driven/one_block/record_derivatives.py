@@ -1,10 +1,12 @@
 """Reverse mode of a response with respect to the samples of a record."""
 
+from typing import Any
+
 import equinox as eqx
 
 from ...numerics import refuse_reverse_mode, transpose_by
 from ...validation import Reals
-from ..many_blocks import Batch, BatchResponse, follow_batch
+from ..many_blocks import Batch, follow_batch
 from ..scene import Driven
 from .response import Response
 
@@ -20,7 +22,7 @@ def transpose_by_sweep(driven: Driven, response: Response) -> Response:
     from the states at the end: of other answers reverse mode is refused.
     """
 
-    def get_swept(response: Response | BatchResponse) -> list[Reals]:
+    def get_swept(response: Any) -> list:
         return [getattr(response, name) for name in _SWEPT]
 
     def follow(driven: Driven) -> list[Reals]:
