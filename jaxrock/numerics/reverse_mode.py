@@ -1,7 +1,7 @@
 """Reverse mode where JAX finds none: by a function of its own, or refused in one sentence."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn, TypeVar
 
 import equinox as eqx
@@ -70,14 +70,16 @@ def _transpose(
 
 
 def _differentiate(
-    operands: list[Array], tangents: list[Array | ad.Zero], pull: _Pull
+    operands: Sequence[Array], tangents: Sequence[Array | ad.Zero], pull: _Pull
 ) -> tuple[Array, Array]:
     # A second derivative goes through the loops themselves.
     tangent = refuse_reverse_mode("this derivative", ad.instantiate_zeros(tangents[-1]))
     return _transposed_by.bind(*operands, pull=pull), tangent
 
 
-def _batch(operands: list[Array], axes: list[int | None], pull: _Pull) -> tuple[Array, int]:
+def _batch(
+    operands: Sequence[Array], axes: Sequence[int | None], pull: _Pull
+) -> tuple[Array, int]:
     *values, moved, slope = operands
     *value_axes, moved_axis, slope_axis = axes
     count = next(x.shape[a] for x, a in zip(operands, axes, strict=True) if a is not None)
