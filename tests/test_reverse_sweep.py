@@ -108,12 +108,12 @@ def test_one_block_and_differences_of_the_other_integrator():
     gradients = pull(samples)
     values, expected = jax.jit(lambda: jax.jvp(respond, (samples,), (along,)))()
     assert values[0] > 0.02
-    step = 1e-6
+    step = 1e-7
     above, below = (respond(samples + side * step * along) for side in (1, -1))
     for k, gradient in enumerate(gradients):
         assert jnp.vdot(gradient, along) == pytest.approx(float(expected[k]), rel=1e-7)
         difference = (above[k] - below[k]) / (2 * step)
-        assert jnp.vdot(gradient, along) == pytest.approx(float(difference), rel=1e-5)
+        assert jnp.vdot(gradient, along) == pytest.approx(float(difference), rel=1e-4)
     with pytest.raises(ValueError, match=r"that is not peak_rotation, .* forward mode only"):
         jax.grad(lambda at: respond(at)[2])(samples)
 

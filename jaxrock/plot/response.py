@@ -49,6 +49,11 @@ def plot_response(
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Raises
+    ------
+    ValueError
+        If `sensitivity` does not have a number for each sample of a record.
     """
     check_result("response", response, Response, "respond(block, restitution, motion)")
     ax = get_axes(ax, figsize=(7.2, 4.8 if sensitivity is None else 6.4))

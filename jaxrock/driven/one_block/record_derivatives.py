@@ -6,7 +6,7 @@ import equinox as eqx
 
 from ...numerics import refuse_reverse_mode, transpose_by
 from ...validation import Reals
-from ..many_blocks import Batch, follow_batch
+from .. import Batch, follow_batch
 from ..scene import Driven
 from .response import Response
 
