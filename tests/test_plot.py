@@ -217,6 +217,18 @@ def test_rotation_over_time():
     assert when < ax.get_xlim()[1] < 1.5 * when
 
 
+def test_derivatives_with_respect_to_a_record_are_drawn_over_its_time():
+    record = jr.Record(4 * np.sin(np.arange(100.0)), 0.05, start=0.5)
+    response = jr.respond(WALL.block, 0.7, record)
+    slopes = np.linspace(-1, 2, 100)
+    ax = plot.plot_response(response, sensitivity=slopes)
+    strip = ax.child_axes[1].collections[0].get_paths()[0].vertices
+    assert strip[:, 1].max() == 2
+    assert strip[strip[:, 1].argmax(), 0] == pytest.approx(0.5 + 99 * 0.05)
+    with pytest.raises(ValueError, match=r"each sample of the record, got .* \(99,\)"):
+        plot.plot_response(response, sensitivity=slopes[1:])
+
+
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default([jr.Linearized(), jr.Nonlinear()]))
 def test_resonance(model):

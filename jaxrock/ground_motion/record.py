@@ -48,8 +48,7 @@ class Record(Motion):
     vertical : array_like, shape (..., samples), optional
         Vertical acceleration [m/s2], positive upward, with the same number of samples.
     scale : array_like, optional
-        Factor on both components [-]. A gradient with respect to the scale costs one
-        derivative; a gradient with respect to the samples costs one for each sample.
+        Factor on both components [-].
     start : array_like, optional
         Time of the first sample [s], at least 0.
     unit : str, optional

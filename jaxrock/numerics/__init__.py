@@ -19,9 +19,10 @@ from .elementary import quotient_or_infinite as quotient_or_infinite
 from .elementary import share_of_one as share_of_one
 from .elliptic import carlson_rf as carlson_rf
 from .elliptic import jacobi as jacobi
-from .forward_only import refuse_reverse_mode as refuse_reverse_mode
 from .implicit import Root as Root
 from .implicit import differentiate_by_jacobian as differentiate_by_jacobian
 from .implicit import differentiate_implicitly as differentiate_implicitly
+from .reverse_mode import refuse_reverse_mode as refuse_reverse_mode
+from .reverse_mode import transpose_by as transpose_by
 from .roots import refine_brackets as refine_brackets
 from .roots import select_tree as select_tree

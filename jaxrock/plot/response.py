@@ -4,6 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..driven import Response, uplift_acceleration
+from ..ground_motion import Motion, Record
+from ..validation import Numbers
 from .axes import (
     ABOVE,
     ACCENT,
@@ -22,8 +24,10 @@ _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
 _ROOM_AT_WALL = 0.3
 
 
-def plot_response(response: Response, ax: Axes | None = None) -> Axes:
-    """Draw the acceleration of the ground and, under it, rotation over critical angle.
+def plot_response(
+    response: Response, ax: Axes | None = None, sensitivity: Numbers | None = None
+) -> Axes:
+    """Draw the acceleration of the ground and, below it, rotation over critical angle.
 
     The picture runs from shortly before the block moves until it rests or has fallen. Every
     impact is a line at the foot, whose height is in proportion to the velocity before it. The
@@ -36,14 +40,23 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
         From `jaxrock.respond`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; new ones by default.
+    sensitivity : array_like, shape (samples,), optional
+        Derivative of an answer with respect to each sample of the record, as `jax.grad` gives
+        it [unit of the answer / (m/s2)]: which part of the record matters. It has axes of its
+        own below, the second child of the returned axes.
 
     Returns
     -------
     matplotlib.axes.Axes
         The axes drawn on.
+
+    Raises
+    ------
+    ValueError
+        If `sensitivity` does not have a number for each sample of a record.
     """
     check_result("response", response, Response, "respond(block, restitution, motion)")
-    ax = get_axes(ax, figsize=(7.2, 4.8))
+    ax = get_axes(ax, figsize=(7.2, 4.8 if sensitivity is None else 6.4))
     block = response.scene.block
     motion = response.scene.motion
     first, last = _find_moving_span(response)
@@ -78,7 +91,27 @@ def plot_response(response: Response, ax: Axes | None = None) -> Axes:
     ax.legend(**ABOVE, ncols=4)
     # The ground, or a floor: a record does not know.
     label_axes(above, "", "base [m/s²]")
-    return label_axes(ax, "time [s]", RATIO)
+    label_axes(ax, "time [s]", RATIO)
+    if sensitivity is not None:
+        _draw_sensitivity(ax, motion, np.asarray(sensitivity))
+    return ax
+
+
+def _draw_sensitivity(ax: Axes, motion: Motion, sensitivity: np.ndarray) -> None:
+    """Draw the derivative with respect to each sample below `ax`, over the same time."""
+    if not isinstance(motion, Record) or sensitivity.shape != (motion.samples,):
+        raise ValueError(
+            "sensitivity must have a number for each sample of the record, got an array of"
+            f" shape {sensitivity.shape}"
+        )
+    below = ax.inset_axes((0, -0.34, 1, 0.3), sharex=ax)
+    below.fill_between(np.asarray(motion.knots()), sensitivity, color=ACCENT, linewidth=0.7)
+    below.axhline(0, color=LINE, linewidth=0.6)
+    label_axes(below, "time [s]", "derivative\n[1/(m/s²)]")
+    ax.tick_params(labelbottom=False)
+    ax.set_xlabel("")
+    # The room for axes outside of others comes from iterations, some of which a drawing makes.
+    ax.figure.figure.draw_without_rendering()
 
 
 def _find_moving_span(response: Response) -> tuple[float, float]:

@@ -106,7 +106,8 @@ class StepFlight(eqx.Module):
         long = length > 4 * float(jnp.finfo(length.dtype).eps)
         found = (event > _NONE) & located & first_one
         blocked = ~(found | (event == _NONE)) & long & jnp.isfinite(end)
-        found, blocked, root = materialize((found, blocked, root))
+        # A root that is not there may be infinite: cotangents of 0 would become NaN.
+        found, blocked, root = materialize((found, blocked, jnp.where(found, root, 0)))
         ends = found & (event != _TOP)
         time = materialize(jnp.where(blocked, 0, jnp.where(ends, root, step)))
 

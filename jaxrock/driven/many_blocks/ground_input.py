@@ -83,14 +83,19 @@ class GroundInput(eqx.Module):
         del rate
         return natural
 
+    def read(self, place: Integers) -> tuple:
+        """Read what `expand` needs to know of the intervals at some places."""
+        del place
+        return ()
+
     @abc.abstractmethod
     def expand(
-        self, excitation: Excitation, interval: Integers, along: Reals, order: int
+        self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
         """Expand both accelerations over g in powers of the time from `along` on.
 
-        Horizontal and vertical; the latter is empty where there is none. `along` is the time
-        since the beginning of the interval.
+        Horizontal and vertical; the latter is empty where there is none. `line` comes from
+        `read`, and `along` is the time since the beginning of the interval.
         """
 
     @abc.abstractmethod

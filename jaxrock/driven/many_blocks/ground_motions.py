@@ -176,9 +176,14 @@ def _make_record_input(records: Sequence[Record]) -> RecordInput:
     # The strength of an interval is the largest magnitude at its ends. Its grade says how much
     # weaker than the strongest one it is. The threshold of the last grade is 0, which every
     # interval exceeds in which the ground moves.
-    magnitude = functools.reduce(namespace.maximum, map(abs, samples))
-    strength = namespace.maximum(magnitude[1:], magnitude[:-1])
-    strength = namespace.where(finite[1:] & finite[:-1] & exists[:-1], strength, 0)
+    # Whether a block might be lifted has no derivative.
+    fixed = jax.lax.stop_gradient(samples) if namespace is jnp else samples
+    magnitude = functools.reduce(namespace.maximum, map(abs, fixed))
+    strength = namespace.where(
+        finite[1:] & finite[:-1] & exists[:-1],
+        namespace.maximum(magnitude[1:], magnitude[:-1]),
+        0,
+    )
     strongest = strength.max()
     grades = np.append(2 ** (-0.5 * np.arange(GRADES - 1)), 0).astype(strength.dtype)
 

@@ -104,10 +104,10 @@ class SineInput(PulseInput):
         return jnp.asarray(self.phase_rate) * self.extent / length
 
     def expand(
-        self, excitation: Excitation, interval: Integers, along: Reals, order: int
+        self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
         """Expand the sine: its second derivative is -rate^2 times itself."""
-        del interval
+        del line
         rate = excitation.rate
         sine, cosine = _compute_sine_cosine(self.compute_phase(rate, along))
         c = [excitation.strength * sine, excitation.strength * cosine * rate]
@@ -137,10 +137,10 @@ class RickerInput(PulseInput):
         return math.pi * jnp.asarray(self.extent) / length
 
     def expand(
-        self, excitation: Excitation, interval: Integers, along: Reals, order: int
+        self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
         """Expand the bell by its differential equation bell' = -2 phase bell."""
-        del interval
+        del line
         rate = excitation.rate
         phase = self.compute_phase(rate, along)
         bell = [excitation.strength * jnp.exp(-phase * phase)]
@@ -186,10 +186,13 @@ def _times_of_phases(
 ) -> tuple[Reals, ...]:
     """Convert phases to times from the beginning of an interval; inf for phases before it."""
     moving = jnp.where(rate > 0, rate, 1)
-    return tuple(
-        jnp.where((rate > 0) & (phase > begin), (phase - begin) / moving, jnp.inf)
-        for phase in phases
-    )
+    times = []
+    for phase in phases:
+        comes = (rate > 0) & (phase > begin) & (phase < jnp.inf)
+        # Derivatives in reverse mode would be NaN from an infinite phase.
+        time = (jnp.where(comes, phase, 0) - begin) / moving
+        times.append(jnp.where(comes, time, jnp.inf))
+    return tuple(times)
 
 
 def _compute_sine_cosine(phase: Reals) -> tuple[Reals, Reals]:

@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 
 from ...validation import Booleans, Integers, Reals
@@ -55,22 +56,24 @@ class RecordInput(GroundInput):
         """Compute the rate of the samples."""
         return 1 / length
 
+    def read(self, place: Integers) -> tuple:
+        """Read the lines through both samples, horizontal and vertical."""
+        lines = self.horizontal, self.vertical
+        return jax.tree.map(lambda c: jnp.asarray(c).at[place].get(mode="clip"), lines)
+
     def expand(
-        self, excitation: Excitation, interval: Integers, along: Reals, order: int
+        self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
-        """Read the line through both samples, and move its origin to `along`."""
+        """Move the origin of the line to `along`."""
         del order
-        index = excitation.first_interval + interval
         share = along * excitation.rate
 
-        def read(powers: tuple[HostReals, ...]) -> Coefficients:
-            c = tuple(
-                jnp.asarray(power).at[index].get(mode="clip") * excitation.strength
-                for power in powers
-            )
+        def move(powers: tuple[Reals, ...]) -> Coefficients:
+            c = tuple(power * excitation.strength for power in powers)
             return (evaluate(c, share), c[1] * excitation.rate) if c else ()
 
-        return read(self.horizontal), read(self.vertical)
+        horizontal, vertical = line
+        return move(horizontal), move(vertical)
 
     def find_uplift_times(self, rate: Reals, needed: Reals) -> tuple[Reals, ...]:
         """Return none: the table says where to look."""

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from ...block import Block
 from ...ground_motion import Harmonic, Motion, Pulse, Record, Suite
@@ -20,7 +21,7 @@ from ...host import (
     map_in_threads,
 )
 from ...impact import read_restitution
-from ...numerics import refuse_reverse_mode
+from ...numerics import transpose_by
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import (
     FINITE,
@@ -46,10 +47,12 @@ from .prepared_blocks import (
     ROTATION_RATIO,
     BatchArguments,
     Case,
+    PreparedBlocks,
     prepare_blocks,
 )
-from .queue import work_off
+from .queue import FinalStates, work_off
 from .record_input import RecordInput
+from .reverse_sweep import pull_back
 from .step import Lanes, take_step
 
 # On a processor, lanes fill its vectors several times over, and their states its nearest
@@ -158,13 +161,17 @@ def _follow_rows(
     count: Integers | int,
     program: _Program,
     lanes: int,
+    ends: FinalStates | None = None,
 ) -> SimulatedBatch:
-    """Follow the blocks of the first `count` columns, whose rows are their arguments."""
+    """Follow the blocks of the first `count` columns, whose rows are their arguments.
+
+    Or only make the answers, if the states at their `ends` are given.
+    """
     arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
     directions = arguments.directions
     arguments = arguments._replace(directions=None)
     if directions is None:
-        return _follow(ground, arguments, count, program, lanes)
+        return _follow(ground, arguments, count, program, lanes, ends)
     along = jax.tree.map(lambda *leaves: jnp.stack(leaves), *directions)
     moves = jax.tree.map(
         lambda part: part is not None, along, is_leaf=lambda part: part is None
@@ -188,15 +195,17 @@ def _follow(
     count: Integers | int,
     program: _Program,
     lanes: int,
+    ends: FinalStates | None = None,
 ) -> SimulatedBatch:
-    """Follow the first `count` blocks."""
+    """Follow the first `count` blocks, as `_follow_rows` does."""
     case, initial, unit, valid = prepare_blocks(ground, arguments, program.model)
 
     def step(lanes: Lanes, case: Case) -> Lanes:
         return take_step(lanes, case, ground, program.order)
 
-    watched = case.answer is not None
-    ends = work_off(ground, case, initial, count, lanes, step, watched)
+    if ends is None:
+        watched = case.answer is not None
+        ends = work_off(ground, case, initial, count, lanes, step, watched)
     # In as few bytes as a boolean: statuses of large batches are copied like all else.
     status = jnp.where(ends.finished > 0, Status.COMPLETE, Status.STOPPED)
     status = jnp.where(valid, status, Status.INVALID).astype(jnp.int8)
@@ -263,6 +272,23 @@ def _follow(
             ),
         )
     )
+
+
+@functools.partial(jax.jit, static_argnames="program")
+def _pull_rows(
+    inputs: tuple[GroundInput, Reals], cotangents: SimulatedBatch, program: _Program
+) -> PyTree:
+    """Pull cotangents of answers back to the input and the rows, for reverse mode."""
+    ground, rows = inputs
+
+    def prepare(rows: Reals) -> PreparedBlocks:
+        arguments = jax.tree.unflatten(program.form, list(rows))
+        return prepare_blocks(ground, arguments, program.model)
+
+    def answer(rows: Reals, ends: FinalStates) -> SimulatedBatch:
+        return _follow_rows(ground, rows, 0, program, 0, ends)
+
+    return pull_back(ground, rows, cotangents, program.order, prepare, answer)
 
 
 # Inside of transformations, where options of the compiler are not allowed. Without this, the
@@ -332,7 +358,8 @@ def respond_batch(
     Each step is a Taylor polynomial, as long as its last terms allow. A pulse enters by its own
     Taylor series, a harmonic motion by one for each period, a record by a line between samples.
     Outside of transformations, the batch is distributed over the devices, or over the cores of
-    a processor. Derivatives exist in forward mode.
+    a processor. Derivatives exist in both modes, in reverse mode by one sweep backwards along
+    the steps of each block.
 
     Examples
     --------
@@ -352,9 +379,7 @@ def respond_batch(
         check("rtol", as_real("rtol", rtol), POSITIVE)
     batch = Batch.of(blocks, restitution, motion, duration, rtol=rtol, **initial)
     response = follow_batch(batch, as_model(model))
-    if batch.traced:
-        return refuse_reverse_mode("respond_batch", response)
-    return jax.device_put(response)
+    return response if batch.traced else jax.device_put(response)
 
 
 def check_batch(
@@ -408,7 +433,10 @@ def simulate_batch(
         # The samples of a record may be all that is traced.
         ground, rows = jax.tree.map(jnp.asarray, (ground, rows))
         number = rows.shape[1] if count is None else count
-        result = _follow_rows_jitted(ground, rows, number, program=program, lanes=_LANES)
+        lanes = min(_LANES, rows.shape[1])
+        result = _follow_rows_jitted(ground, rows, number, program=program, lanes=lanes)
+        pull = functools.partial(_pull_rows, program=program)
+        result = transpose_by((ground, rows), result, pull=pull)
     else:
         result = _share_out(ground, rows, program)
     shape = batch.shape

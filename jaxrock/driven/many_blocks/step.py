@@ -117,7 +117,7 @@ class Lanes(eqx.Module):
 
     @classmethod
     def begin(
-        cls, initial: InitialState | None, case: Case, resting: Integers, watched: bool
+        cls, initial: InitialState | None, case: Case, resting: Integers, watched: bool = False
     ) -> "Lanes":
         """Blocks at time 0; those at rest in the interval `resting`, which may lift them."""
         if initial is None:
@@ -156,8 +156,11 @@ def take_step(
     case: Case,
     ground: GroundInput,
     order: int,
+    line: tuple = (),
 ) -> Lanes:
     """Take each lane a step further; the table above says where it leads.
+
+    `line` is what has been read of the ground in each lane's interval, if it has been.
 
     All rows of the table are computed for all lanes, and `where` picks: lanes run on SIMD
     lanes of the processor, which have no branches.
@@ -179,7 +182,12 @@ def take_step(
     # and repeat it there.
     strength = materialize(jnp.where(acts, case.excitation.strength, 0))
     excitation = replace(case.excitation, strength=strength)
-    horizontal, lift = ground.expand(excitation, lanes.interval, lanes.elapsed, order)
+    horizontal, lift = ground.expand(
+        excitation,
+        line or ground.read(excitation.first_interval + lanes.interval),
+        lanes.elapsed,
+        order,
+    )
     push = tuple(lanes.side * part for part in horizontal)
     horizontal, lift, push, time_left = materialize((horizontal, lift, push, time_left))
 

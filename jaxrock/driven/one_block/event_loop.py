@@ -4,7 +4,7 @@ Each turn of the loop in `follow_driven` waits for the input to lift a block at 
 a block through one segment (`move_to_event`). Then it logs the event.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -29,6 +29,7 @@ from .motion_to_event import (
     State,
     move_to_event,
 )
+from .record_derivatives import transpose_by_sweep
 from .response import Events, Response
 from .solver_steps import Stepper
 from .uplift import UpliftTable
@@ -118,8 +119,17 @@ def follow_driven(
     return FollowedMotion(response, state.last_impact)
 
 
+def _follow_by_samples(driven: Driven, **options: Any) -> FollowedMotion:
+    """Follow a block, with other derivatives than `differentiate_by_jacobian` gives."""
+    followed = _follow_jitted(driven, **options)
+    return followed._replace(response=transpose_by_sweep(driven, followed.response))
+
+
+_follow_jitted = eqx.filter_jit(follow_driven)
 # Compiled once for all tolerances, with derivatives in both modes.
-follow_driven_jitted = eqx.filter_jit(differentiate_by_jacobian(follow_driven))
+follow_driven_jitted = eqx.filter_jit(
+    differentiate_by_jacobian(follow_driven, of_arrays=_follow_by_samples)
+)
 
 
 @eqx.filter_jit

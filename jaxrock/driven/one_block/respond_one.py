@@ -87,9 +87,12 @@ def respond(  # noqa: PLR0913
     Notes
     -----
     Derivatives exist in both modes. A first derivative costs one forward derivative for each
-    perturbed parameter, a second derivative as much again for each of these. The first call
-    of a second derivative takes two to three times as long as the first call of a first
-    derivative. Second derivatives are forward over either mode, ``jax.jacfwd(jax.grad(f))``.
+    perturbed parameter, a second derivative as much again for each of these. With respect to a
+    record of more than 64 samples, forward mode costs one for each direction. Reverse mode is a
+    sweep backwards along the motion, by `respond_batch`; it exists for the peak rotation, the
+    final rotation and velocity, and the margin. The first call of a second derivative takes two
+    to three times as long as the first call of a first derivative. Second derivatives are
+    forward over either mode, ``jax.jacfwd(jax.grad(f))``.
 
     Results may have a kink where two of these events coincide: the start of the input, its end,
     a sample of a record, an impact, and the end of the duration. The derivative is then
