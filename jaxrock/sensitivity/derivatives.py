@@ -74,7 +74,8 @@ class Derivatives(Printed, eqx.Module):
     of : str
         The answer y.
     value : Array
-        y; NaN for the peak of a block that overturns.
+        y; NaN for the peak of a block that overturns, and for the margin of one that lies on its
+        side before the motion ends.
     response : EstimatedResponse or None
         As `respond_within` gives it; None for closed forms.
     at, derivative, error : dict of Array

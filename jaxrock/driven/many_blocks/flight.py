@@ -58,7 +58,7 @@ class StepFlight(eqx.Module):
 
     @classmethod
     def of(
-        cls, expansion: Expansion, launch: Launch, step: Reals, moves: Booleans, peak: Reals
+        cls, expansion: Expansion, step: Reals, moves: Booleans, peak: Reals
     ) -> "StepFlight":
         """Describe the flight on a polynomial, up to a time.
 
@@ -86,8 +86,8 @@ class StepFlight(eqx.Module):
         low = _least(fixed[0], end, near, far) - apart
         high = _greatest(fixed[0], end, near, far) + apart
         # Bernstein coefficients of the chords from the beginning, and of the slope.
-        chords = first, first + 0.5 * second, first + second + third - fourth * (1 / 24)
         bend = first + second
+        chords = first, first + 0.5 * second, bend + third - fourth * (1 / 24)
         last = first + 2 * second + 3 * third
         rises = _least(first, bend, last - fourth * (1 / 6)) >= 0
         falls = _greatest(first, bend, last + fourth * (1 / 6)) <= 0
@@ -119,17 +119,16 @@ class StepFlight(eqx.Module):
         long = length > 4 * float(jnp.finfo(length.dtype).eps)
         found = (event > _NONE) & located & first_one
         blocked = ~(found | (event == _NONE)) & long & jnp.isfinite(end)
-        found, blocked, root = materialize((found, blocked, root))
+        # A root that is not there may be infinite, and cotangents of 0 would become NaN.
+        found, blocked, root = materialize((found, blocked, jnp.where(found, root, 0)))
         ends = found & (event != _TOP)
-        step = jnp.where(blocked, 0, step)
-        time, rotation, velocity, top, _ = _fly(
-            launch, expansion, path, step, root, ends, at_top
-        )
         lands = ends & ~at_top
+        time, rotation, velocity, top, _ = _fly(
+            expansion, path, jnp.where(blocked, 0, step), root, ends, at_top
+        )
         # Never on the ground without an impact, which could not be located from there.
         positive = jnp.maximum(rotation, float(jnp.finfo(length.dtype).tiny))
-        positive = jnp.where(blocked, launch.rotation, positive)
-
+        positive = jnp.where(blocked, expansion.launch.rotation, positive)
         rotation = materialize(jnp.where(lands, 0, positive))
         top = jnp.where(found & at_top, top, 0)
 
@@ -159,7 +158,6 @@ class _Flown(NamedTuple):
 
 @jax.custom_jvp
 def _fly(
-    launch: Launch,
     expansion: Expansion,
     path: Coefficients,
     step: Reals,
@@ -168,7 +166,7 @@ def _fly(
     at_top: Booleans,
 ) -> _Flown:
     """Follow a path up to a step, or where it `ends` before it to a root."""
-    del launch, expansion, at_top
+    del expansion, at_top
     time = materialize(jnp.where(ends, root, step))
     rotation, velocity = evaluate_derivatives(path, time, 2)
     return _Flown(time, rotation, velocity, materialize(evaluate(path, root)), root)
@@ -181,12 +179,10 @@ def _differentiate_flight(primals: tuple, tangents: tuple) -> tuple[_Flown, _Flo
     They follow from the variational equation, transposed, so that another parameter costs no
     more than its products with the weights. Roots move by the implicit function theorem.
     """
-    launch, expansion, _, _, _, ends, at_top = primals
-    slopes, _, _, step_slope, *_ = tangents
+    expansion, _, _, _, ends, at_top = primals
+    slopes, _, step_slope, *_ = tangents
     flown = _fly(*primals)
-    # With the derivatives that second derivatives need.
-    order = len(expansion.path) - 1
-    expansion = Expansion.of(launch, order, expansion.companion, expansion.linearized)
+    expansion = expansion.with_derivatives()
     path = expansion.change_last_terms(expansion.path)
     time, root = flown.time, flown.root
 
@@ -197,8 +193,8 @@ def _differentiate_flight(primals: tuple, tangents: tuple) -> tuple[_Flown, _Flo
             moved = expansion.change_last_terms(expansion.differentiate_path(launch))
             return evaluate(differentiate(moved) if order else moved, time)
 
-        (weights,) = jax.linear_transpose(move, launch)(jnp.ones_like(time))
-        products = jax.tree.map(jnp.multiply, materialize(weights), slopes)
+        (weights,) = jax.linear_transpose(move, expansion.launch)(jnp.ones_like(time))
+        products = jax.tree.map(jnp.multiply, materialize(weights), slopes.launch)
         return jax.tree.reduce(jnp.add, products)
 
     rotation, velocity = weigh(time, 0), weigh(time, 1)

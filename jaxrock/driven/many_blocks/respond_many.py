@@ -88,7 +88,9 @@ class SimulatedBatch(NamedTuple):
 class SimulatedAnswer(NamedTuple):
     """An answer, and the events from which it comes."""
 
-    value: Reals  # NaN for the peak of a block that overturns
+    # NaN for the peak of a block that overturns, and the margin of one that topples before the
+    # input ends.
+    value: Reals
     # By which the highest top exceeds the second one, or the larger of both margins the smaller.
     gap: Reals
     events: AnswerEvents
@@ -242,7 +244,12 @@ def _follow(
     )
     return simulated._replace(
         answer=SimulatedAnswer(
-            value=jnp.where(of_peak, value, response.margin),
+            # The margin of a block that topples is that of the step in which it does.
+            value=jnp.where(
+                of_peak,
+                value,
+                jnp.where(ends.end_rotation < TOPPLED_ROTATION, response.margin, jnp.nan),
+            ),
             gap=gap,
             events=ends.events._replace(lifted=ends.events.lifted * unit),
             change=jax.tree.map(lambda rate: jnp.where(of_peak, rate, 0), ends.later).include(

@@ -59,7 +59,6 @@ from .prepared_blocks import MARGIN, Case
 from .taylor import (
     Coefficients,
     Expansion,
-    Launch,
     choose_step,
     differentiate,
     evaluate,
@@ -192,10 +191,8 @@ def take_step(
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
     tolerance, companion = case.control
-    block = case.equation.p_squared, case.equation.critical_angle
-    launch = Launch(*block, lanes.rotation, lanes.velocity, push, lift)
     expansion = Expansion.of(
-        jax.lax.stop_gradient(launch), order, companion, case.equation.linearized
+        case.equation, (lanes.rotation, lanes.velocity), push, lift, order, companion
     )
     longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step)
     step = jnp.minimum(
@@ -205,7 +202,7 @@ def take_step(
     step = materialize(
         jnp.where(lanes.moves, jnp.minimum(step, choose_step(expansion.path, tolerance)), 0)
     )
-    flight = StepFlight.of(expansion, launch, step, lanes.moves, lanes.peak)
+    flight = StepFlight.of(expansion, step, lanes.moves, lanes.peak)
     arriving = jnp.abs(flight.velocity)
     leaving = velocity_after_impact(case.restitution, arriving, case.equation.velocity_unit)
     settles, bounce = _settle(case, push, lift, flight, step, leaving, lanes.peak)
@@ -248,19 +245,6 @@ def take_step(
     )
     energy = jax.lax.stop_gradient(jnp.where(counts, weight * arriving * arriving, 0))
     interval = jnp.where(ended, intervals, interval)
-    coincidences = lanes.coincidences
-    if coincidences is not None:
-        new_peak = lanes.moves & (flight.highest > lanes.peak)
-        coincidences = coincidences.add_step(
-            flight,
-            (lanes.rotation, lanes.velocity, lanes.peak),
-            moves=lanes.moves,
-            lifted=lifted,
-            settles=settles,
-            time=begin + lanes.elapsed + wait,
-            input_ends=before_end & (interval >= intervals),
-            counts=jnp.where(case.answer == MARGIN, before_end, new_peak),
-        )
     return materialize(
         Lanes(
             interval=interval,
@@ -277,8 +261,36 @@ def take_step(
             end_rotation=jnp.where(before_end, rotation, lanes.end_rotation),
             end_velocity=jnp.where(before_end, velocity, lanes.end_velocity),
             end_impacts=jnp.where(before_end, impacts, lanes.end_impacts),
-            coincidences=coincidences,
+            coincidences=_watch(
+                lanes, case, flight, interval, lifted, begin + lanes.elapsed + wait, settles
+            ),
         )
+    )
+
+
+def _watch(
+    lanes: Lanes,
+    case: Case,
+    flight: StepFlight,
+    interval: Integers,
+    lifted: Booleans,
+    time: Reals,
+    settles: Booleans,
+) -> Coincidences | None:
+    """Note what happens on the way to the next `interval`, if somebody asks for it."""
+    if lanes.coincidences is None:
+        return None
+    before_end = lanes.interval < case.excitation.intervals
+    new_peak = lanes.moves & (flight.highest > lanes.peak)
+    return lanes.coincidences.add_step(
+        flight,
+        (lanes.rotation, lanes.velocity, lanes.peak),
+        moves=lanes.moves,
+        lifted=lifted,
+        settles=settles,
+        time=time,
+        input_ends=before_end & (interval >= case.excitation.intervals),
+        counts=jnp.where(case.answer == MARGIN, before_end, new_peak),
     )
 
 

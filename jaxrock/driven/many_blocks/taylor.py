@@ -85,50 +85,29 @@ class Expansion(eqx.Module):
     linearized: bool = eqx.field(static=True)
 
     @classmethod
-    def of(cls, launch: Launch, order: int, companion: Reals, linearized: bool) -> "Expansion":
-        """Expand up to an order.
+    def of(
+        cls,
+        equation: Equation,
+        state: tuple[Reals, Reals],
+        push: Coefficients,
+        lift: Coefficients,
+        order: int,
+        companion: Reals,
+    ) -> "Expansion":
+        """Expand from a rotation and velocity, up to an order; without derivatives."""
+        launch = Launch(equation.p_squared, equation.critical_angle, *state, push, lift)
+        terms = _expand(jax.lax.stop_gradient(launch), order, equation.linearized)
+        return cls(launch, *terms, companion, equation.linearized)
 
-        With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give
-        the coefficients of sine and cosine one after the other.
-        """
-        p_squared, angle, rotation, velocity, push, lift = launch
-        c: list[Reals] = [rotation, velocity]
-        tilt = angle - rotation
-        rate: list[Reals] = [-velocity]  # coefficients of q'
-        sine: list[Reals | float]
-        cosine: list[Reals | float]
-        if linearized:
-            sine = [tilt]
-            cosine = [1.0]
-        else:
-            # A barrier, as for the higher coefficients below: each enters all later ones.
-            first_sine, first_cosine = materialize(sine_cosine(tilt))
-            sine = [first_sine]
-            cosine = [first_cosine]
-        for k in range(order - 1):
-            if k and linearized:
-                sine.append(rate[k - 1] * (1 / k))
-            elif k:
-                parts = tuple(
-                    _multiply(tuple(rate), tuple(part), k - 1) for part in (cosine, sine)
-                )
-                both = materialize((parts[0] * (1 / k), parts[1] * (-1 / k)))
-                sine.append(both[0])
-                cosine.append(both[1])
-            pull = sine[k] + _multiply(tuple(sine), lift, k)
-            acceleration = (_multiply(tuple(cosine), push, k) - pull) * p_squared
-            c.append(materialize(acceleration * (1 / ((k + 1) * (k + 2)))))
-            if k == 0:
-                # Lifted at this moment, a block does not accelerate to the ground: rounding
-                # may.
-                c[2] = jnp.where(launch.starts, jnp.maximum(c[2], 0), c[2])
-            rate.append(-(k + 2) * c[-1])
-        return cls(launch, tuple(c), tuple(sine), tuple(cosine), companion, linearized)
+    def with_derivatives(self) -> "Expansion":
+        """Expand again, with the derivatives that second derivatives of the path need."""
+        terms = _expand(self.launch, len(self.path) - 1, self.linearized)
+        return Expansion(self.launch, *terms, self.companion, self.linearized)
 
     def differentiate_path(self, slopes: Launch) -> Coefficients:
         """Solve the variational equation: how the path moves with its launch, linearly.
 
-        The derivatives of the recurrences of `of`, which are the same, are four times as many.
+        The derivatives of the recurrences, which are the same, are four times as many.
         """
         launch = self.launch
         path = [slopes.rotation, slopes.velocity]
@@ -159,6 +138,48 @@ class Expansion(eqx.Module):
         changed = jnp.where(self.companion == 2, 2 * before_last, 0)
         before_last = jnp.where(self.companion == 0, before_last, changed)
         return (*terms, before_last, jnp.where(self.companion == 0, last, 0))
+
+
+def _expand(
+    launch: Launch, order: int, linearized: bool
+) -> tuple[Coefficients, Coefficients, Coefficients]:
+    """Expand the rotation, and sine and cosine of the tilt from balance.
+
+    With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give the
+    coefficients of sine and cosine one after the other.
+    """
+    p_squared, angle, rotation, velocity, push, lift = launch
+    c: list[Reals] = [rotation, velocity]
+    tilt = angle - rotation
+    rate: list[Reals] = [-velocity]  # coefficients of q'
+    sine: list[Reals | float]
+    cosine: list[Reals | float]
+    if linearized:
+        sine = [tilt]
+        cosine = [1.0]
+    else:
+        # A barrier, as for the higher coefficients below: each enters all later ones.
+        first_sine, first_cosine = materialize(sine_cosine(tilt))
+        sine = [first_sine]
+        cosine = [first_cosine]
+    for k in range(order - 1):
+        if k and linearized:
+            sine.append(rate[k - 1] * (1 / k))
+        elif k:
+            parts = tuple(
+                _multiply(tuple(rate), tuple(part), k - 1) for part in (cosine, sine)
+            )
+            both = materialize((parts[0] * (1 / k), parts[1] * (-1 / k)))
+            sine.append(both[0])
+            cosine.append(both[1])
+        pull = sine[k] + _multiply(tuple(sine), lift, k)
+        acceleration = (_multiply(tuple(cosine), push, k) - pull) * p_squared
+        c.append(materialize(acceleration * (1 / ((k + 1) * (k + 2)))))
+        if k == 0:
+            # Lifted at this moment, a block does not accelerate to the ground: rounding may.
+            c[2] = jnp.where(launch.starts, jnp.maximum(c[2], 0), c[2])
+        rate.append(-(k + 2) * c[-1])
+    return tuple(c), tuple(sine), tuple(cosine)
 
 
 def evaluate(c: Coefficients, time: Reals) -> Reals:
