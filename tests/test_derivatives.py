@@ -84,7 +84,7 @@ def test_errors_and_ranges_are_honest(kind):
         excess = np.abs(slope - differences) - uncertainty
         assert (excess <= error)[wide].all(), name
         for end in (below, above):
-            length = 0.9 * (end - x)
+            length = np.nan_to_num(0.9 * (end - x))
             half, whole = (compute(x + part * length) - peaks for part in (0.5, 1.0))
             bend = whole - slope * length
             # A parabola through the value, with the slope, and half of the way.
@@ -166,7 +166,7 @@ def test_a_coincidence_is_not_crossed():
     assert_not_across(falls, "restitution", factor=boundary)
 
 
-def test_a_derivative_at_the_edge_is_one_sided(eps):
+def test_a_derivative_at_the_edge_is_one_sided():
     """Elastic impacts end the range; a block that is not lifted does not move."""
     found = jr.derivatives_within(BLOCK, 1.0, PULSE, 1e-2, 4.0)
     assert float(found.above["restitution"]) == 1
@@ -177,7 +177,6 @@ def test_a_derivative_at_the_edge_is_one_sided(eps):
         assert float(still.derivative[name]) == float(still.error[name]) == 0
     assert float(still.value) == 0
     assert 0.5 * float(still.above["factor"]) < 9.81 / 5 / 3
-    assert eps > 0
 
 
 def test_batches_suites_answers_and_printing():
