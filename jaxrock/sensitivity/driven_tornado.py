@@ -112,7 +112,8 @@ def differentiate_driven(
         by=["factor" if name == "scale" else name for name in names],
         model=model,
     )
-    units = {"factor": float(scale), "amplitude": 1 / float(scale)}
+    factor = np.asarray(scale, float).item()
+    units = {"factor": factor, "amplitude": 1 / factor}
     parts = {}
     for part, power in _POWERS.items():
         columns = getattr(found, part).items()
