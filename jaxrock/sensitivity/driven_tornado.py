@@ -152,6 +152,6 @@ def _evaluate(
     return peak / np.asarray(blocks.critical_angle) if answer == "rotation_ratio" else peak
 
 
-def _choose_duration(motion: Motion, answer: str) -> Number:
+def _choose_duration(motion: Motion, answer: str) -> Number | None:
     """Choose how long to simulate: the margin is known at the end of the motion, by energy."""
-    return motion.end + (0.0 if answer == "margin" else BEYOND)
+    return None if answer == "margin" else motion.end + BEYOND
