@@ -35,7 +35,7 @@ def gather_parameters(
     return at
 
 
-def change_motion(motion: Motion, at: Mapping[str, Any]) -> Motion:
+def change_motion(motion: Any, at: Mapping[str, Any]) -> Any:
     """Replace the numbers of a motion by those that `gather_parameters` names."""
     for name in name_fields(motion):
         value = as_field(type(motion), name, at[name])
