@@ -132,6 +132,9 @@ def differentiate_exactly(name, kind, numbers):
         if name == "critical_intensity":
             critical = closed_forms.critical_intensity(kind, *block, restitution, mp.inf)
             return critical / ratio
+        if name == "critical_restitution":
+            given = restitution, intensity * ratio, mp.inf
+            return closed_forms.critical_restitution(kind, *block, *given)
         function = closed_forms.stabilized(name)
         return function(kind, *block, restitution, intensity * ratio)
 
@@ -165,8 +168,15 @@ def critical_intensity(scene, model):
     return jr.critical_intensity(scene.block, scene.restitution, model=model)
 
 
+def critical_restitution(scene, model):
+    return jr.critical_restitution(scene.block, scene.intensity, model=model)
+
+
+CRITICAL = (critical_intensity, critical_restitution)
+
+
 @pytest.mark.parametrize("model", [jr.Linearized(), jr.Nonlinear()])
-@pytest.mark.parametrize("answer", first_by_default((critical_intensity, *ANSWERS), 2))
+@pytest.mark.parametrize("answer", first_by_default((*CRITICAL, *ANSWERS), 3))
 def test_errors_by_rounding_bound_those_against_exact_arithmetic(answer, model):
     """And near the threshold, where they matter, are 5 to 30 times too large in the median."""
     rng = np.random.default_rng(1)
@@ -187,7 +197,7 @@ def test_errors_by_rounding_bound_those_against_exact_arithmetic(answer, model):
         assert (errors <= found.error).all(), (scene, found, errors)
         matters = (found.error > 1e-10 * abs(found.gradient)) & (errors > 0)
         factors += [*(found.error[matters] / errors[matters])]
-    if answer not in (critical_intensity, jr.overturning_margin):
+    if answer not in (*CRITICAL, jr.overturning_margin):
         assert 5 < np.median(factors) < 30
         assert len(factors) > 100
 

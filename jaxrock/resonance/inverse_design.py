@@ -296,7 +296,8 @@ def critical_restitution(
     slack = 4 * float(jnp.finfo(share.dtype).eps)
     exists = (share <= 1 + slack) & (half_cycles * share >= 1 - slack)
     finite = exists & (half_cycles < jnp.inf)
-    gap = jnp.where(share <= 1, (single - intensity) / single, 0)
+    # Of a gap close to 1 the derivative of the quotient would cancel, of a small one 1 - share.
+    gap = jnp.select([share < 0.5, share <= 1], [1 - share, (single - intensity) / single])
 
     def relative_excess(factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
         """Compute the gap for C = factor * gap, over the given gap, less 1."""

@@ -7,11 +7,13 @@ import numpy as np
 from .distributions import is_between_0_and_1
 
 # Units of rounding, of each parameter and of the derivative. Against mpmath, 2 and 6 bound the
-# error of all derivatives of closed forms, up to 1e-14 of the overturning threshold.
+# errors of all answers of a scene up to 1e-14 of the overturning threshold, 2 and 9 also those of
+# critical values.
 _UNITS_OF_PARAMETER = 2
-_UNITS_OF_DERIVATIVE = 8
+_UNITS_OF_DERIVATIVE = 10
 # Distances over the value, of where an end is sought first; later between two of them.
-_DISTANCES = np.array([0.0, *2.0 ** np.arange(-5, 11)])
+# A small C is far from its end at 1.
+_DISTANCES = np.array([0.0, *2.0 ** np.arange(-5, 3), *2.0 ** np.arange(4, 60, 7)])
 _ROUNDS = 16  # 18^15 is more than all floats of the first interval
 
 
@@ -24,7 +26,8 @@ def estimate_rounding(
     rounding: the error of a derivative is that change times the second derivatives, besides a
     few units of the derivative itself (backward error analysis, Higham 2002, section 1.5,
     https://doi.org/10.1137/1.9780898718027). This assumes that no close numbers are subtracted
-    on the way but exact ones, and that nothing underflows.
+    on the way but exact ones, and that nothing underflows. It holds for the answers of a `Scene`
+    and for critical values, but not for the motion of a model over time.
 
     Parameters
     ----------
@@ -64,9 +67,9 @@ def find_finite_ranges(
     -------
     below, above : ndarray, shape (..., names)
         The last values with a finite answer, to rounding. NaN where the parameters have none,
-        infinite where all values have one, as far as a thousand times the value. An interval
-        without answers is not seen if it lies between two of the distances tried first: 3 % of
-        the value, and each twice the one before.
+        infinite where all values have one, as far as 1e16 times the value. An interval without
+        answers is not seen if it lies between two of the distances tried first: 3 % of the value,
+        each twice the one before up to four times the value, and each 100 times beyond.
     """
     size = np.where(at == 0, 1.0, np.abs(at))[..., None, :, None]
     directions = np.array([-1.0, 1.0])[:, None, None]

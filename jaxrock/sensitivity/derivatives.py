@@ -51,8 +51,10 @@ _ROUNDS = 8
 _ROUNDING = 64
 # What a parabola through both ends of a range may leave unexplained, over what it explains.
 _UNEXPLAINED = 0.1
-# What the gap between the two highest tops may differ from its tangent, over the gap.
+# What gaps and sums over impacts may differ from their tangents, over themselves, and the gap
+# that is so wide, over the peak, that sums do not matter.
 _UNSTEADY = 0.3
+_WIDE = 0.5
 # Why a range ends where it does.
 REASONS = (
     "as far as examined",
@@ -374,7 +376,9 @@ class _Scenes(NamedTuple):
         candidates = np.stack([farthest, limits, *coincidences])
         reasons = np.argmin(candidates, axis=0)
         unknown = np.isnan(answer.value)[..., None]
-        distances = np.where(unknown, np.nan, candidates.min(axis=0))
+        distances = candidates.min(axis=0)
+        least = _ROUNDING * np.finfo(at.dtype).eps * np.abs(at)
+        distances = np.where(unknown, np.nan, np.where(distances > least, distances, 0))
         bends = np.full_like(distances, np.nan)
         valid = np.zeros(distances.shape, bool)
         rtol = float(response.rtol.min())
@@ -444,39 +448,39 @@ def _check_ends(
         Why one does not, as an index of `REASONS`; -1 where it does.
     """
 
-    def spread(column: np.ndarray) -> np.ndarray:
-        return np.broadcast_to(column[..., None], distances.shape)[pending]
+    def select(column: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(column, distances.shape)[pending]
 
-    side = np.nonzero(pending)[0]
     distance = distances[pending]
-    step = np.where(side, distance, -distance)
-    slope = np.broadcast_to(slopes.value, distances.shape)[pending]
-    value = spread(answer.value)
-    excess = ends.value - value - slope * step
-    # Events that change the slope by less than its error do not matter.
-    matters = ~(
-        np.abs(excess) <= np.broadcast_to(allowed, distances.shape)[pending] * distance
-    )
-    same = (ends.events.sequence == spread(answer.events.sequence)) | ~matters
-    drift = np.broadcast_to(slopes.events.lifted, distances.shape)[pending] * step
-    lifted = spread(answer.events.lifted)
-    jump = np.abs(ends.events.lifted - lifted - drift)
+    step = np.where(np.nonzero(pending)[0], distance, -distance)
+    here = jax.tree.map(lambda column: select(column[..., None]), answer)
+    slope = jax.tree.map(select, slopes)
+    linear = jax.tree.map(lambda part: part * step, slope)
+    excess = jax.tree.map(lambda end, x, move: np.abs(end - x - move), ends, here, linear)
     rounding = 1e4 * np.finfo(distance.dtype).eps
-    # What changes in another way than to first order may have changed more in between.
-    gap = spread(answer.gap)
-    gap_slope = np.broadcast_to(slopes.gap, distances.shape)[pending]
-    unsteady = np.abs(ends.gap - gap - gap_slope * step) > _UNSTEADY * gap
-    same_time = (jump <= 2 * np.abs(drift) + rounding * (1 + lifted)) | ~matters
-    bends[pending] = np.where(same & same_time, excess / distance**2, np.nan)
-    other = np.broadcast_to(bends[::-1], bends.shape)[pending]
-    mean = np.where(np.isnan(other), 0, 0.5 * (other + excess / distance**2))
-    explained = np.abs(slope * step) + np.abs(mean) * distance**2
-    smooth = np.abs(excess - mean * distance**2) <= (
-        _UNEXPLAINED * explained + rounding * np.abs(value)
+
+    # Events that change the slope by less than its error do not matter.
+    matters = ~(excess.value <= select(allowed) * distance)
+    other_events = matters & (ends.events.sequence != here.events.sequence)
+    largest_delay = 2 * np.abs(linear.events.lifted) + rounding * (1 + here.events.lifted)
+    other_time = matters & (excess.events.lifted > largest_delay)
+    # What does not change to first order may change more between both: the gap to the second
+    # highest top, and where this gap is not wide all motion.
+    unsteady = excess.gap > _UNSTEADY * here.gap
+    wild = excess.impact_sum > _UNSTEADY * np.abs(linear.impact_sum) + 1e-3 * here.impact_sum
+    unsteady |= wild & (np.minimum(here.gap, ends.gap) < _WIDE)
+
+    bend = (ends.value - here.value - linear.value) / distance**2
+    bends[pending] = np.where(other_events | other_time, np.nan, bend)
+    opposite = select(bends[::-1])
+    mean = np.where(np.isnan(opposite), 0, 0.5 * (opposite + bend))
+    explained = np.abs(linear.value) + np.abs(mean) * distance**2
+    bent = np.abs(bend - mean) * distance**2 > (
+        _UNEXPLAINED * explained + rounding * np.abs(here.value)
     )
     failure = np.full(distances.shape, -1)
     failure[pending] = np.select(
-        [np.isnan(ends.value), ~same, ~same_time, unsteady & matters, ~smooth],
+        [np.isnan(ends.value), other_events, other_time, unsteady & matters, bent],
         [_OVERTURNS, _IMPACT, _LIFTED, _CHANGE, _BENDS],
         -1,
     )

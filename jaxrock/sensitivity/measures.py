@@ -105,8 +105,8 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     >>> print([*local.table()])
     ['quantity', 'unit', 'value', 'derivative', 'error', 'elasticity', 'below', 'above']
     >>> k = local.names.index("restitution")
-    >>> print(f"{local.gradient[k]:.4f} for C up to {local.above[k]:.4f}")
-    1.1011 for C up to 0.8412
+    >>> print(f"{local.gradient[k]:.3f} for C up to {local.above[k]:.4f}")
+    1.101 for C up to 0.8412
     >>> print(f"{jr.critical_restitution(wall.block, 0.15):.4f}")
     0.8412
     """

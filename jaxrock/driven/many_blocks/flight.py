@@ -15,7 +15,6 @@ there is, and lands at the beginning of the next interval.
 
 import functools
 import math
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -23,15 +22,7 @@ import jax.numpy as jnp
 
 from ...validation import Booleans, Reals
 from .ground_input import PerBlock, TruthPerBlock
-from .taylor import (
-    Coefficients,
-    Expansion,
-    Launch,
-    differentiate,
-    evaluate,
-    evaluate_derivatives,
-    materialize,
-)
+from .taylor import Coefficients, differentiate, evaluate, evaluate_derivatives, materialize
 
 # Longest step times the fastest rate: on longer ones the bounds are rarely close enough.
 LONGEST_STEP = 0.9
@@ -57,17 +48,13 @@ class StepFlight(eqx.Module):
     step_limit: PerBlock  # to the next step, if this one is blocked
 
     @classmethod
-    def of(
-        cls, expansion: Expansion, step: Reals, moves: Booleans, peak: Reals
-    ) -> "StepFlight":
+    def of(cls, path: Coefficients, step: Reals, moves: Booleans, peak: Reals) -> "StepFlight":
         """Describe the flight on a polynomial, up to a time.
 
         A rotation within the step is sought if it exceeds the peak so far. Not by more than a
         tolerance: from the end of the last step to a top that is higher by a relative 1e-10
         derivatives may change by 1e-5.
         """
-        # The step has been chosen, and is the same for a response and its companions.
-        path = materialize(expansion.change_last_terms(expansion.path))
         # Decisions have no derivatives. The end of a step may have one: where the input has a
         # corner.
         fixed, length, allowed = jax.lax.stop_gradient((path, step, peak))
@@ -86,8 +73,8 @@ class StepFlight(eqx.Module):
         low = _least(fixed[0], end, near, far) - apart
         high = _greatest(fixed[0], end, near, far) + apart
         # Bernstein coefficients of the chords from the beginning, and of the slope.
+        chords = first, first + 0.5 * second, first + second + third - fourth * (1 / 24)
         bend = first + second
-        chords = first, first + 0.5 * second, bend + third - fourth * (1 / 24)
         last = first + 2 * second + 3 * third
         rises = _least(first, bend, last - fourth * (1 / 6)) >= 0
         falls = _greatest(first, bend, last + fourth * (1 / 6)) <= 0
@@ -108,29 +95,29 @@ class StepFlight(eqx.Module):
 
         # The root of the rotation, or of its slope.
         at_top = event >= _TOP
-        slope = (*differentiate(fixed), 0.0)
+        slope = (*differentiate(path), 0.0)
         sought = materialize(
-            tuple(jnp.where(at_top, *pair) for pair in zip(slope, fixed, strict=True))
+            tuple(jnp.where(at_top, *pair) for pair in zip(slope, path, strict=True))
         )
         root, located = _locate_root(sought, length, jnp.where(at_top, end_slope, end))
-        first_one = _is_first(sought, at_top, largest, root)
+        first_one = _is_first(*jax.lax.stop_gradient((sought, at_top, largest, root)))
         # A step shorter than rounding, or not finite, is taken as it is: no shorter one would
         # tell more, and the lane would never end.
         long = length > 4 * float(jnp.finfo(length.dtype).eps)
         found = (event > _NONE) & located & first_one
         blocked = ~(found | (event == _NONE)) & long & jnp.isfinite(end)
-        # A root that is not there may be infinite, and cotangents of 0 would become NaN.
-        found, blocked, root = materialize((found, blocked, jnp.where(found, root, 0)))
+        found, blocked, root = materialize((found, blocked, root))
         ends = found & (event != _TOP)
+        time = materialize(jnp.where(blocked, 0, jnp.where(ends, root, step)))
+
+        rotation, velocity = evaluate_derivatives(path, time, 2)
         lands = ends & ~at_top
-        time, rotation, velocity, top, _ = _fly(
-            expansion, path, jnp.where(blocked, 0, step), root, ends, at_top
-        )
         # Never on the ground without an impact, which could not be located from there.
         positive = jnp.maximum(rotation, float(jnp.finfo(length.dtype).tiny))
-        positive = jnp.where(blocked, expansion.launch.rotation, positive)
+        positive = jnp.where(blocked, path[0], positive)
+
         rotation = materialize(jnp.where(lands, 0, positive))
-        top = jnp.where(found & at_top, top, 0)
+        top = jnp.where(found & at_top, materialize(evaluate(path, root)), 0)
 
         # A bounce is as long as this, and half of it is the time of a dip.
         turn = -fixed[1] / jnp.where(fixed[2] == 0, 1, fixed[2])
@@ -146,75 +133,6 @@ class StepFlight(eqx.Module):
             blocked=blocked,
             step_limit=jnp.where(short, turn, 0.5 * length),
         )
-
-
-class _Flown(NamedTuple):
-    time: Reals
-    rotation: Reals  # at this time, like the velocity
-    velocity: Reals
-    top: Reals  # rotation at the root
-    root: Reals
-
-
-@jax.custom_jvp
-def _fly(
-    expansion: Expansion,
-    path: Coefficients,
-    step: Reals,
-    root: Reals,
-    ends: Booleans,
-    at_top: Booleans,
-) -> _Flown:
-    """Follow a path up to a step, or where it `ends` before it to a root."""
-    del expansion, at_top
-    time = materialize(jnp.where(ends, root, step))
-    rotation, velocity = evaluate_derivatives(path, time, 2)
-    return _Flown(time, rotation, velocity, materialize(evaluate(path, root)), root)
-
-
-@_fly.defjvp
-def _differentiate_flight(primals: tuple, tangents: tuple) -> tuple[_Flown, _Flown]:
-    """Differentiate by weights on all that the path follows from, the same for all directions.
-
-    They follow from the variational equation, transposed, so that another parameter costs no
-    more than its products with the weights. Roots move by the implicit function theorem.
-    """
-    expansion, _, _, _, ends, at_top = primals
-    slopes, _, step_slope, *_ = tangents
-    flown = _fly(*primals)
-    expansion = expansion.with_derivatives()
-    path = expansion.change_last_terms(expansion.path)
-    time, root = flown.time, flown.root
-
-    def weigh(time: Reals, order: int) -> Reals:
-        """Compute how the rotation at a time, or its rate, moves with the launch."""
-
-        def move(launch: Launch) -> Reals:
-            moved = expansion.change_last_terms(expansion.differentiate_path(launch))
-            return evaluate(differentiate(moved) if order else moved, time)
-
-        (weights,) = jax.linear_transpose(move, expansion.launch)(jnp.ones_like(time))
-        products = jax.tree.map(jnp.multiply, materialize(weights), slopes.launch)
-        return jax.tree.reduce(jnp.add, products)
-
-    rotation, velocity = weigh(time, 0), weigh(time, 1)
-    top, top_rate = weigh(root, 0), weigh(root, 1)
-
-    def find_move(time: Reals, rotation: Reals, velocity: Reals) -> Reals:
-        """Find how a root moves from how rotation and velocity do at its time."""
-        _, slope, bend = evaluate_derivatives(path, time, 3)
-        steep = jnp.where(at_top, bend, slope)
-        return -jnp.where(at_top, velocity, rotation) / jnp.where(steep < 0, steep, -1)
-
-    shift = jnp.where(ends, find_move(time, rotation, velocity), step_slope)
-    _, rate, acceleration = evaluate_derivatives(path, time, 3)
-    return flown, _Flown(
-        time=shift,
-        rotation=rotation + rate * shift,
-        velocity=velocity + acceleration * shift,
-        top=top,
-        root=find_move(root, top, top_rate),
-    )
 
 
 def _least(*values: Reals | float) -> Reals:
@@ -252,12 +170,29 @@ def _locate_root(series: Coefficients, length: Reals, last: Reals) -> tuple[Real
     time = materialize(jnp.where(share < 1, share, 0.5) * length)
 
     # Each step, of fourth order, quadruples the number of digits. The first terms do for the
-    # first step; the last one has derivatives.
+    # first step.
     close, _ = _approach_root(fixed[:-4], time)
-    better, steep = _approach_root(series, close)
+    better, steep = _approach_root(fixed, close)
     # If such a step moves the time by less than this, only rounding is left.
     near = jnp.abs(better - close) <= float(jnp.finfo(time.dtype).eps) ** 0.27 * close
-    return better, near & (steep < 0) & (better > 0) & (better <= length)
+    located = near & (steep < 0) & (better > 0) & (better <= length)
+    # A root that is not there may be infinite, and cotangents of 0 would become NaN.
+    return _move_root(series, jnp.where(located, better, 0)), located
+
+
+@jax.custom_jvp
+def _move_root(series: Coefficients, root: Reals) -> Reals:
+    """Return a root, with its derivatives by the implicit function theorem."""
+    del series
+    return root
+
+
+@_move_root.defjvp
+def _differentiate_root(primals: tuple, tangents: tuple) -> tuple[Reals, Reals]:
+    series, _ = primals
+    root = _move_root(*primals)
+    slope = evaluate(differentiate(series), root)
+    return root, -evaluate(tangents[0], root) / jnp.where(slope < 0, slope, -1)
 
 
 def _approach_root(series: Coefficients, time: Reals) -> tuple[Reals, Reals]:

@@ -91,8 +91,10 @@ class SimulatedAnswer(NamedTuple):
     # NaN for the peak of a block that overturns, and the margin of one that topples before the
     # input ends.
     value: Reals
-    # By which the highest top exceeds the second one, or the larger of both margins the smaller.
+    # By which the highest top exceeds the second one, as a fraction, or the larger of both margins
+    # the smaller.
     gap: Reals
+    impact_sum: Reals  # with derivatives
     events: AnswerEvents
     # The nearest coincidences behind those of the events: where another top becomes the highest,
     # or the other of both margins the smaller one, and where the block overturns.
@@ -250,7 +252,8 @@ def _follow(
                 value,
                 jnp.where(ends.end_rotation < TOPPLED_ROTATION, response.margin, jnp.nan),
             ),
-            gap=gap,
+            gap=gap / jnp.where(of_peak & (ends.peak > 0), ends.peak, 1),
+            impact_sum=ends.impact_sum,
             events=ends.events._replace(lifted=ends.events.lifted * unit),
             change=jax.tree.map(lambda rate: jnp.where(of_peak, rate, 0), ends.later).include(
                 gap, complete

@@ -50,6 +50,7 @@ from .flight import LONGEST_STEP, StepFlight
 from .ground_input import (
     CountPerBlock,
     GroundInput,
+    HostNumbers,
     PerBlock,
     TruthPerBlock,
     rounding_margin,
@@ -58,10 +59,10 @@ from .initial_state import InitialState
 from .prepared_blocks import MARGIN, Case
 from .taylor import (
     Coefficients,
-    Expansion,
     choose_step,
     differentiate,
     evaluate,
+    expand_rotation,
     materialize,
 )
 
@@ -191,18 +192,18 @@ def take_step(
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
     tolerance, companion = case.control
-    expansion = Expansion.of(
-        case.equation, (lanes.rotation, lanes.velocity), push, lift, order, companion
-    )
+    path = expand_rotation(case.equation, lanes.rotation, lanes.velocity, push, lift, order)
     longest = jnp.where(acts, LONGEST_STEP, case.longest_free_step)
     step = jnp.minimum(
         jnp.where(companion == 2, _SHORTER * longest, longest),
         jnp.minimum(time_left, lanes.step_limit),
     )
     step = materialize(
-        jnp.where(lanes.moves, jnp.minimum(step, choose_step(expansion.path, tolerance)), 0)
+        jnp.where(lanes.moves, jnp.minimum(step, choose_step(path, tolerance)), 0)
     )
-    flight = StepFlight.of(expansion, step, lanes.moves, lanes.peak)
+    # After the choice of the step, so that it is the same for a response and its companions.
+    path = _change_last_terms(path, companion)
+    flight = StepFlight.of(path, step, lanes.moves, lanes.peak)
     arriving = jnp.abs(flight.velocity)
     leaving = velocity_after_impact(case.restitution, arriving, case.equation.velocity_unit)
     settles, bounce = _settle(case, push, lift, flight, step, leaving, lanes.peak)
@@ -216,13 +217,16 @@ def take_step(
     # Not `stop < length`: where NaN has got in, the lane must end as well.
     ended = (arrives & ~(stop >= length)) | (lanes.moves & exhausted)
     interval = jnp.where(arrives & ~before_start, lanes.interval + 1, lanes.interval)
-    interval = jnp.where(
-        lanes.moves | lifted, interval, ground.find_next_interval(interval, case.excitation)
-    )
+    following = ground.find_next_interval(interval, case.excitation)
+    following = jnp.where(lanes.moves | lifted, interval, following)
+    interval = jnp.where(ended, intervals, following)
 
     # The new state. For the overturning criterion it is noted until the input ends.
-    other_side = side_after_impact(case.equation.one_sided, lanes.side)
-    side = jnp.where(flight.lands, other_side, jnp.where(lifted, uplift_side, lanes.side))
+    side = jnp.where(
+        flight.lands,
+        side_after_impact(case.equation.one_sided, lanes.side),
+        jnp.where(lifted, uplift_side, lanes.side),
+    )
     velocity = jnp.where(flight.lands, jnp.where(settles, 0, leaving), flight.velocity)
     rotation = jnp.minimum(flight.rotation, TOPPLED_ROTATION)
     # A block at rest that is not lifted at once stays there, whatever derivatives its initial
@@ -239,12 +243,10 @@ def take_step(
     taken = jnp.where(lanes.moves, flight.time + bounce, jnp.where(lifted, wait, 0))
     # Sums that only compare two motions need no derivatives. Bounces after the block settles are
     # summed as a geometric series.
-    counts = flight.lands & before_end
     weight = (case.duration + begin + lanes.elapsed + taken) * jnp.where(
         settles, case.bounces, 1
     )
-    energy = jax.lax.stop_gradient(jnp.where(counts, weight * arriving * arriving, 0))
-    interval = jnp.where(ended, intervals, interval)
+    energy = jnp.where(flight.lands & before_end, weight * arriving * arriving, 0)
     return materialize(
         Lanes(
             interval=interval,
@@ -257,7 +259,7 @@ def take_step(
             peak=jnp.where(lanes.moves, pick_larger(lanes.peak, flight.highest), lanes.peak),
             impacts=impacts,
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
-            impact_sum=lanes.impact_sum + materialize(energy),
+            impact_sum=lanes.impact_sum + _fix_unless(lanes.coincidences, energy),
             end_rotation=jnp.where(before_end, rotation, lanes.end_rotation),
             end_velocity=jnp.where(before_end, velocity, lanes.end_velocity),
             end_impacts=jnp.where(before_end, impacts, lanes.end_impacts),
@@ -292,6 +294,23 @@ def _watch(
         input_ends=before_end & (interval >= case.excitation.intervals),
         counts=jnp.where(case.answer == MARGIN, before_end, new_peak),
     )
+
+
+def _fix_unless(asked: Coincidences | None, energy: Reals) -> Reals:
+    """Remove the derivatives of a sum unless somebody asks for them."""
+    return materialize(energy if asked else jax.lax.stop_gradient(energy))
+
+
+def _change_last_terms(path: Coefficients, companion: HostNumbers) -> Coefficients:
+    """Omit the last term for companions, and the one before for the first of them.
+
+    The second one has it twice: where the errors of both terms cancel in one companion, they add
+    up in the other.
+    """
+    *terms, before_last, last = path
+    changed = jnp.where(companion == 2, 2 * before_last, 0)
+    before_last = jnp.where(companion == 0, before_last, changed)
+    return (*terms, before_last, jnp.where(companion == 0, last, 0))
 
 
 def _settle(

@@ -6,9 +6,9 @@ own dense output.
 """
 
 import math
-from typing import NamedTuple, cast
+from functools import partial
+from typing import cast
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
@@ -58,97 +58,34 @@ def _multiply(a: Coefficients, b: Coefficients, k: int) -> Reals | float | int:
     return sum(a[j] * b[k - j] for j in range(len(a)) if 0 <= k - j < len(b))
 
 
-class Launch(NamedTuple):
-    """What the motion in a step follows from."""
-
-    p_squared: Reals
-    critical_angle: Reals
-    rotation: Reals
-    velocity: Reals
-    push: Coefficients
-    lift: Coefficients
-
-    @property
-    def starts(self) -> Booleans:
-        """True for blocks that are lifted at this moment."""
-        return (self.rotation == 0) & (self.velocity == 0)
+def expand_rotation(
+    equation: Equation,
+    rotation: Reals,
+    velocity: Reals,
+    push: Coefficients,
+    lift: Coefficients,
+    order: int,
+) -> tuple[Reals, ...]:
+    """Expand the rotation in time, up to an order, from the series of the ground."""
+    block = equation.p_squared, equation.critical_angle
+    return _expand(equation.linearized, order, block, (rotation, velocity), push, lift)
 
 
-class Expansion(eqx.Module):
-    """The Taylor polynomial of the rotation in time, from the series of the ground."""
-
-    launch: Launch
-    path: Coefficients  # of the rotation
-    sine: Coefficients  # of the tilt from balance, and its cosine
-    cosine: Coefficients
-    companion: Reals  # whose last terms are changed; see `StepControl`
-    linearized: bool = eqx.field(static=True)
-
-    @classmethod
-    def of(
-        cls,
-        equation: Equation,
-        state: tuple[Reals, Reals],
-        push: Coefficients,
-        lift: Coefficients,
-        order: int,
-        companion: Reals,
-    ) -> "Expansion":
-        """Expand from a rotation and velocity, up to an order; without derivatives."""
-        launch = Launch(equation.p_squared, equation.critical_angle, *state, push, lift)
-        terms = _expand(jax.lax.stop_gradient(launch), order, equation.linearized)
-        return cls(launch, *terms, companion, equation.linearized)
-
-    def with_derivatives(self) -> "Expansion":
-        """Expand again, with the derivatives that second derivatives of the path need."""
-        terms = _expand(self.launch, len(self.path) - 1, self.linearized)
-        return Expansion(self.launch, *terms, self.companion, self.linearized)
-
-    def differentiate_path(self, slopes: Launch) -> Coefficients:
-        """Solve the variational equation: how the path moves with its launch, linearly.
-
-        The derivatives of the recurrences, which are the same, are four times as many.
-        """
-        launch = self.launch
-        path = [slopes.rotation, slopes.velocity]
-        stiffness = []  # the derivative of the acceleration over the rotation
-        for k in range(len(self.path) - 2):
-            straight = self.cosine[k] if k < len(self.cosine) else 0.0
-            bent = 0.0 if self.linearized else _multiply(self.sine, launch.push, k)
-            total = straight + bent + _multiply(self.cosine, launch.lift, k)
-            stiffness.append(materialize(launch.p_squared * total))
-            change = _multiply(self.cosine, slopes.push, k)
-            change -= _multiply(self.sine, slopes.lift, k)
-            change = launch.p_squared * change - stiffness[k] * slopes.critical_angle
-            change += _multiply(tuple(stiffness), tuple(path), k)
-            change *= 1 / ((k + 1) * (k + 2))
-            change += self.path[k + 2] * (slopes.p_squared / launch.p_squared)
-            if k == 0:
-                change = jnp.where(launch.starts & (self.path[2] <= 0), 0, change)
-            path.append(materialize(change))
-        return tuple(path)
-
-    def change_last_terms(self, path: Coefficients) -> Coefficients:
-        """Omit the last term for companions, and the one before for the first of them.
-
-        The second one has it twice: where the errors of both terms cancel in one companion,
-        they add up in the other.
-        """
-        *terms, before_last, last = path
-        changed = jnp.where(self.companion == 2, 2 * before_last, 0)
-        before_last = jnp.where(self.companion == 0, before_last, changed)
-        return (*terms, before_last, jnp.where(self.companion == 0, last, 0))
-
-
-def _expand(
-    launch: Launch, order: int, linearized: bool
-) -> tuple[Coefficients, Coefficients, Coefficients]:
+def _expand_all(
+    linearized: bool,
+    order: int,
+    block: tuple[Reals, Reals],
+    state: tuple[Reals, Reals],
+    push: Coefficients,
+    lift: Coefficients,
+) -> tuple[tuple[Reals, ...], Coefficients, Coefficients]:
     """Expand the rotation, and sine and cosine of the tilt from balance.
 
     With q = alpha_c - rotation, ``(sin q)' = q' cos q`` and ``(cos q)' = -q' sin q`` give the
     coefficients of sine and cosine one after the other.
     """
-    p_squared, angle, rotation, velocity, push, lift = launch
+    p_squared, angle = block
+    rotation, velocity = state
     c: list[Reals] = [rotation, velocity]
     tilt = angle - rotation
     rate: list[Reals] = [-velocity]  # coefficients of q'
@@ -158,7 +95,7 @@ def _expand(
         sine = [tilt]
         cosine = [1.0]
     else:
-        # A barrier, as for the higher coefficients below: each enters all later ones.
+        # A barrier, as for the higher coefficients below: each of them enters all later ones.
         first_sine, first_cosine = materialize(sine_cosine(tilt))
         sine = [first_sine]
         cosine = [first_cosine]
@@ -169,17 +106,59 @@ def _expand(
             parts = tuple(
                 _multiply(tuple(rate), tuple(part), k - 1) for part in (cosine, sine)
             )
-            both = materialize((parts[0] * (1 / k), parts[1] * (-1 / k)))
-            sine.append(both[0])
-            cosine.append(both[1])
+            next_sine, next_cosine = materialize((parts[0] * (1 / k), parts[1] * (-1 / k)))
+            sine.append(next_sine)
+            cosine.append(next_cosine)
         pull = sine[k] + _multiply(tuple(sine), lift, k)
         acceleration = (_multiply(tuple(cosine), push, k) - pull) * p_squared
         c.append(materialize(acceleration * (1 / ((k + 1) * (k + 2)))))
         if k == 0:
             # Lifted at this moment, a block does not accelerate to the ground: rounding may.
-            c[2] = jnp.where(launch.starts, jnp.maximum(c[2], 0), c[2])
+            c[2] = jnp.where(_starts(state), jnp.maximum(c[2], 0), c[2])
         rate.append(-(k + 2) * c[-1])
     return tuple(c), tuple(sine), tuple(cosine)
+
+
+def _starts(state: tuple[Reals, Reals]) -> Booleans:
+    """Return which blocks are lifted at this moment."""
+    rotation, velocity = state
+    return (rotation == 0) & (velocity == 0)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _expand(
+    linearized: bool, order: int, *arguments: tuple[Reals | float, ...]
+) -> tuple[Reals, ...]:
+    return _expand_all(linearized, order, *arguments)[0]
+
+
+@_expand.defjvp
+def _solve_variational_equation(
+    linearized: bool, order: int, primals: tuple, tangents: tuple
+) -> tuple[tuple[Reals, ...], tuple[Reals, ...]]:
+    """Expand the variational equation: one product of series for each parameter.
+
+    The derivatives of the recurrences, which are the same, are four.
+    """
+    (p_squared, _), state, push, lift = primals
+    (p_squared_slope, angle_slope), state_slopes, push_slopes, lift_slopes = tangents
+    c, sine, cosine = _expand_all(linearized, order, *primals)
+    slopes = list(state_slopes)
+    stiffness = []  # the derivative of the acceleration over the rotation
+    for k in range(order - 1):
+        straight = cosine[k] if k < len(cosine) else 0.0
+        bent = 0.0 if linearized else _multiply(sine, push, k)
+        stiffness.append(p_squared * (straight + bent + _multiply(cosine, lift, k)))
+        change = _multiply(cosine, push_slopes, k) - _multiply(sine, lift_slopes, k)
+        change = p_squared * change - stiffness[k] * angle_slope
+        change += _multiply(tuple(stiffness), tuple(slopes), k)
+        change *= 1 / ((k + 1) * (k + 2))
+        change += c[k + 2] * (p_squared_slope / p_squared)
+        if k == 0:
+            change = jnp.where(_starts(state) & (c[2] <= 0), 0, change)
+        slopes.append(materialize(change))
+        stiffness[k] = materialize(stiffness[k])
+    return c, tuple(slopes)
 
 
 def evaluate(c: Coefficients, time: Reals) -> Reals:
