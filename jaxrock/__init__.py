@@ -43,6 +43,7 @@ _MOVED = {
     "damping_from_decay": "-ln(B) / pi",
     "equivalent_damping_as_printed": "now resonance.equivalent_damping(as_printed=True)",
     "timing_costs": "written out in the notebook on inverse design",
+    "local_dependence": "now derivatives_within(...)",
     "DrivenScene": "now a tuple (block, restitution, motion)",
 }
 

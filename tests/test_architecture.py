@@ -69,7 +69,7 @@ CODE_LINES = {
     "driven": 3228,
     "steady": 876,
     "overturning": 529,
-    "sensitivity": 1232,
+    "sensitivity": 1460,
     "calibration": 1048,
     "calibration/outcomes": 950,
     "accuracy": 453,

@@ -302,13 +302,17 @@ def test_driven_sensitivity(capsys, tmp_path):
         ("half_width", "slenderness", "restitution", "amplitude", "duration"), 0.05
     )
     uncertain = jr.Uncertain(coefficients, samples=64)
-    arguments = (BLOCK, 0.9, jr.Sine(3.0, 0.5), uncertain)
-    expected = jr.sensitivity.outcome_probabilities(*arguments)
+    pulse = jr.Sine(3.0, 0.5)
+    expected = jr.sensitivity.outcome_probabilities(BLOCK, 0.9, pulse, uncertain)
     printed = [row["probability"] for row in found["probabilities"]]
     assert printed == pytest.approx(expected.probability.tolist())
-    local = jr.sensitivity.local_dependence(*arguments, answer="margin")
-    assert found["meaningful"] == local.meaningful
-    assert {row["quantity"] for row in found["rows"]} == set(coefficients)
+    by = tuple(coefficients)
+    local = jr.derivatives_within(BLOCK, 0.9, pulse, 1e-6, of="margin", by=by)
+    rows = {row["quantity"]: row for row in found["rows"]}
+    assert rows.keys() == set(coefficients)
+    for part in ("derivative", "error", "below", "above"):
+        printed = [rows[name][part] for name in coefficients]
+        assert printed == pytest.approx([float(x) for x in getattr(local, part).values()])
     suite = ("--records", "example", "--samples", 16, "--scale", 2)
     found = read_answer(capsys, "driven-sensitivity", *SLIM, *suite, *asked[-2:], "--force")
     assert "record" in {row["quantity"] for row in found["rows"]}

@@ -138,8 +138,8 @@ CALLS = {
     "outcome_probabilities": lambda k: jr.sensitivity.outcome_probabilities(
         block(k), 0.8, record(500 + k), jr.Uncertain({"restitution": 0.05 + 0.01 * k})
     ),
-    "local_dependence": lambda k: jr.sensitivity.local_dependence(
-        block(k), 0.8, record(500 + k), jr.Uncertain({"restitution": 0.05 + 0.01 * k})
+    "derivatives_within": lambda k: jr.derivatives_within(
+        block(k), 0.8, record(500 + k), 1e-3 + 1e-4 * k
     ),
     "driven_tornado": lambda k: jr.sensitivity.driven_tornado(
         block(k), 0.8, record(500 + k), {"restitution": (0.7, 0.8 + 0.01 * k)}
@@ -248,7 +248,7 @@ LEFT_OUT = {
 ANSWERS = {
     jr.risk.RequiredValue,
     jr.sensitivity.OutcomeProbabilities,
-    jr.sensitivity.LocalDependence,
+    jr.sensitivity.Derivatives,
     jr.sensitivity.Draws,
     jr.driven.BatchResponse,
     jr.overturning.Boundaries,

@@ -528,16 +528,18 @@ def test_driven_answers_of_uncertain_blocks():
     response = jr.respond_batch(block, C, pulse, pulse.end + 10.0)
     ratios = np.asarray(response.peak_rotation / block.critical_angle)
     np.testing.assert_allclose([bars.at_low[0], bars.at_high[0]], ratios, rtol=1e-6)
-    local = jr.sensitivity.local_dependence(WALL, C, pulse, UNCERTAIN)
+    local = jr.derivatives_within(
+        WALL, C, pulse, 1e-6, pulse.end + 10.0, of="rotation_ratio", by=("width",)
+    )
     step = 1e-4
     block = jr.Block.from_size(
         width=0.8 * (1 + np.array([0.0, -step, step])), height=4.0, one_sided=True
     )
     response = jr.respond_batch(block, C, pulse, pulse.end + 10.0, rtol=1e-12)
     ratio, low, high = np.asarray(response.peak_rotation / block.critical_angle)
-    assert local.value == pytest.approx(ratio, rel=1e-7)
-    place = local.names.index("width")
-    assert local.derivatives[place] == pytest.approx((high - low) / (1.6 * step), rel=1e-4)
+    assert float(local.value) == pytest.approx(ratio, rel=1e-7)
+    slope = float(local.derivative["width"])
+    assert slope == pytest.approx((high - low) / (1.6 * step), rel=1e-4)
 
 
 # Fits, reports, pictures

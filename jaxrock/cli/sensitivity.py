@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -10,18 +10,12 @@ from .. import resonance
 from .. import sensitivity as dependence
 from ..block import SIZE_NAMES, block_of, size_of
 from ..ground_motion import Suite
-from ..sensitivity import Uncertain
+from ..sensitivity import Derivatives, Uncertain
 from ..tables import write_label
 from ..validation import Number, Reals
 from .answers import Answer, list_rows
 from .motion_options import MOTION, MotionOptions
 from .options import BlockOptions, Count, FileOutput, ModelName, refuse
-
-# What the library says of derivatives under a motion, beside them.
-_SUMMARY = (
-    *("overturned", "factor_low", "factor_high", "meaningful", "explained_variance"),
-    *("mean", "standard_deviation", "left_out", "reason"),
-)
 
 
 def sensitivity(
@@ -83,8 +77,7 @@ def sensitivity(
         local = dependence.sensitivities(compute, at)
         if not math.isfinite(local.value):
             raise ValueError(f"--answer {answer} does not exist here: the block overturns")
-        ranges = _make_ranges(at)
-        bars = dependence.tornado(compute, at, ranges)
+        bars = dependence.tornado(compute, at, _make_ranges(at))
         uncertain = Uncertain(dict.fromkeys(at, coefficient_of_variation), samples=1024)
         moments = dependence.propagate(compute, at, uncertain)
         columns = local.table() | bars.table(local.names)
@@ -119,9 +112,9 @@ def driven_sensitivity(  # noqa: PLR0913
 
     It computes the probabilities that the block rocks and overturns, Sobol indices, and
     derivatives of the probabilities with respect to the median and the coefficient of variation
-    of each parameter. Under one motion it adds a tornado, and derivatives of the answer where
-    they are meaningful, as `jaxrock.sensitivity.local_dependence` decides. Parameters of the
-    size are those of the command sensitivity. Writes sensitivity.csv, probabilities.csv,
+    of each parameter. Under one motion it adds a tornado, and derivatives of the answer with
+    their errors and the ranges in which they hold, by `jaxrock.derivatives_within`. Parameters
+    of the size are those of the command sensitivity. Writes sensitivity.csv, probabilities.csv,
     probabilities.png, and tornado.png under one motion.
 
     Example: jaxrock driven-sensitivity --width 0.4 --height 2 --record example --scale 1.5
@@ -147,7 +140,7 @@ def driven_sensitivity(  # noqa: PLR0913
     block, c = block_options.block, block_options.coefficient
     # Only a positive factor can be uncertain: a reversed motion has the sign itself.
     scale, sign = abs(motion_options.factor), math.copysign(1.0, motion_options.factor)
-    at = _list_parameters(block_options)
+    at = _list_parameters(block_options) | {"scale": scale}
     if records is not None:
         alone = ("record", "pulse", "amplitude", "pulse_duration", "column", "vertical")
         refuse("with --records", **{name: getattr(motion_options, name) for name in alone})
@@ -157,9 +150,8 @@ def driven_sensitivity(  # noqa: PLR0913
         motion = motion_options.read_unscaled().scaled(sign)
     else:
         motion, scale = motion_options.read(), 1.0
+        at.pop("scale")
         at |= {name: float(getattr(motion, name)) for name in ("amplitude", "duration")}
-    if motion_options.pulse is None:
-        at["scale"] = scale
     coefficients = dict.fromkeys(at, coefficient_of_variation)
     uncertain = Uncertain(coefficients, samples=samples, seed=seed)
     names = ["sensitivity.csv", "probabilities.csv", "probabilities.png"]
@@ -172,27 +164,36 @@ def driven_sensitivity(  # noqa: PLR0913
         )
         columns = outcomes.table_of_sources()
         source = getattr(motion, "source", "")
-        texts = [
-            f"{block_options.text}; by the {model} model; {source}".rstrip("; "),
-            outcomes,
-        ]
+        head = f"{block_options.text}; by the {model} model; {source}".rstrip("; ")
+        texts = [head, outcomes]
         data: dict[str, object] = {"model": model, "record_source": source}
         if not isinstance(motion, Suite):
             asked = {"answer": answer.replace("-", "_"), "scale": scale, "model": model}
-            local = dependence.local_dependence(block, c, motion, uncertain, **asked)
-            ranges = _make_ranges(at)
-            bars = dependence.driven_tornado(block, c, motion, ranges, **asked)
-            columns |= local.table() | bars.table(local.names)
-            texts += ["", f"{answer} {bars}", local]
+            local = dependence.differentiate_driven(block, c, motion, at, **asked)
+            bars = dependence.driven_tornado(block, c, motion, _make_ranges(at), **asked)
+            columns |= dependence.list_derivatives(local) | bars.table(list(at))
+            texts += ["", f"{answer} {bars}"]
+            texts += [
+                _describe(local, row, coefficient_of_variation) for row in list_rows(columns)
+            ]
             data |= {"answer": answer, "value": bars.value}
-            data |= {name: getattr(local, name) for name in _SUMMARY}
-            label = write_label(answer.replace("-", "_"))
+            label = write_label(asked["answer"])
             files.save_picture("tornado.png", plot_tornado(bars, label=label))
         files.write_csv("sensitivity.csv", columns, block=block_options.text)
         files.write_csv("probabilities.csv", outcomes.table(), block=block_options.text)
         files.save_picture("probabilities.png", outcomes.plot())
     data |= {"probabilities": list_rows(outcomes.table()), "rows": list_rows(columns)}
     return Answer("\n".join(map(str, texts)), data, output, files.paths)
+
+
+def _describe(local: Derivatives, row: Mapping[str, Any], variation: float) -> str:
+    """Say what is known of a derivative, and the finite change where that does not suffice."""
+    name, value = row["quantity"], row["value"]
+    why = "" if local.within_tolerance[name] or math.isnan(local.value) else "; not certified"
+    if min(value - row["below"], row["above"] - value) < variation * abs(value):
+        why += "; less than the coefficient of variation"
+    change = "; {at_low:.4g} at {low:.4g}, {at_high:.4g} at {high:.4g}".format_map(row)
+    return local.explain(name) + why + (why and change)
 
 
 def _list_parameters(options: BlockOptions) -> dict[str, float]:

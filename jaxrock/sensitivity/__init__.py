@@ -3,8 +3,9 @@
 from .array_slopes import value_and_slopes
 from .derivatives import Derivatives, derivatives_within
 from .distributions import draw_normal_numbers as draw_normal_numbers
-from .driven_answer import driven_tornado
-from .local_dependence import LocalDependence, local_dependence
+from .driven_tornado import differentiate_driven as differentiate_driven
+from .driven_tornado import driven_tornado
+from .driven_tornado import list_derivatives as list_derivatives
 from .measures import Sensitivities, TornadoBars, sensitivities, tornado
 from .moments import MomentEstimate, propagate
 from .outcome_probabilities import OutcomeProbabilities, outcome_probabilities
@@ -18,7 +19,6 @@ from .uncertain import FloorFactors as FloorFactors
 __all__ = [
     "Derivatives",
     "Draws",
-    "LocalDependence",
     "MomentEstimate",
     "OutcomeProbabilities",
     "Sensitivities",
@@ -26,7 +26,6 @@ __all__ = [
     "Uncertain",
     "derivatives_within",
     "driven_tornado",
-    "local_dependence",
     "outcome_probabilities",
     "propagate",
     "sensitivities",

@@ -312,7 +312,7 @@ def _make_batch(
 def _find_directions(
     parameters: Parameters,
     names: tuple[str, ...],
-    values: Sequence[np.ndarray],
+    values: Sequence[Any],
     motion: Motion | Suite,
     duration: Number | None,
 ) -> list[BatchArguments]:

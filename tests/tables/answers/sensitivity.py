@@ -90,19 +90,6 @@ def vary_driven_parameters():
     yield from list_fields(bars, OF_BARS, "record/")
 
 
-@group("sensitivity/local_dependence", 1e-7)
-def depend_locally():
-    names = (
-        "names at value overturned factor_low factor_high meaningful derivatives"
-        " elasticities explained_variance mean standard_deviation left_out"
-    )
-    parameters = ("width", "height", "restitution", "amplitude", "duration")
-    uncertain = jr.Uncertain(dict.fromkeys(parameters, 0.05), samples=64)
-    block = jr.Block.from_size(width=0.4, height=1.6)
-    found = jr.sensitivity.local_dependence(block, 0.9, jr.HalfSine(3.0, 0.3), uncertain)
-    yield from list_fields(found, names, "pulse/")
-
-
 @group("sensitivity/outcome_probabilities", 1e-9)
 def count_outcomes():
     names = (
