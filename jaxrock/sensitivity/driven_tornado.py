@@ -80,11 +80,7 @@ def driven_tornado(
     points = list_ends(parameters.get_values(ranges), ranges)
     at = parameters.build(dict(zip(ranges, points.T, strict=True)))
     values = _evaluate(at, motion, answer, model)
-    found = differentiate_driven(
-        block, restitution, motion, ranges, answer=answer, scale=scale, model=model
-    )
-    limits = [[float(side[name]) for name in ranges] for side in (found.below, found.above)]
-    return arrange_bars(values, ranges, limits)
+    return arrange_bars(values, ranges)
 
 
 def differentiate_driven(
