@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -58,12 +58,12 @@ _WIDE = 0.5
 # Why a range ends where it does.
 REASONS = (
     "as far as examined",
-    "at the limit of what is allowed",
-    "beyond, an impact appears or vanishes",
-    "beyond, another bounce is the highest",
-    "beyond, the block overturns",
-    "beyond, the answer jumps or bends",
-    "beyond, the block is lifted at another moment",
+    "what is allowed ends",
+    "an impact appears or vanishes",
+    "another bounce is the highest",
+    "the block overturns",
+    "the answer jumps or bends",
+    "the block is lifted at another moment",
 )
 _EXAMINED, _LIMIT, _IMPACT, _CHANGE, _OVERTURNS, _BENDS, _LIFTED = range(len(REASONS))
 
@@ -104,25 +104,36 @@ class Derivatives(Printed, eqx.Module):
     below_reason: dict[str, Any]
     above_reason: dict[str, Any]
 
-    def explain(self, name: str, index: tuple[int, ...] = ()) -> str:
-        """Say in a sentence what is known of the derivative with respect to one parameter."""
+    def explain(self, name: str) -> str:
+        """Say what is known of the derivative of one block.
+
+        Parameters
+        ----------
+        name : str
+            The parameter.
+
+        Returns
+        -------
+        str
+            The derivative with its error and range, and what ends that; or why there is none.
+        """
         symbol = _SYMBOLS.get(name, name)
-        slope, error, low, high, x = (
-            float(part[name][index])
-            for part in (self.derivative, self.error, self.below, self.above, self.at)
-        )
+        columns = self.at, self.derivative, self.error, self.below, self.above
+        x, slope, error, low, high = (float(column[name]) for column in columns)
         head = f"d({self.of.replace('_', ' ')})/d{symbol}"
         if math.isnan(slope):
             return f"{head} does not exist: the block overturns"
         if math.isinf(error):
             return f"{head} is not known: less accurate simulations go another way"
-        text = f"{head} = {slope:.{_count_digits(slope, error)}g} +- {error:.1g}"
-        reasons = [int(part[name][index]) for part in (self.below_reason, self.above_reason)]
-        text += f", for {symbol} from {low:.4g} to {high:.4g}"
-        if low == x or high == x:
+        digits = _count_digits(slope, error)
+        ends = (f"{end:.{max(4, 1 + _count_digits(x, abs(x - end)))}g}" for end in (low, high))
+        text = f"{head} = {slope:.{digits}g} +- {error:.1g}, for {symbol} from {' to '.join(ends)}"
+        if x in (low, high):
             text += f"; one-sided, for a {'larger' if low == x else 'smaller'} {symbol}"
-        described = dict.fromkeys(REASONS[k] for k in reasons if k != _EXAMINED)
-        return "; ".join([text, *described])
+        for side, column in (("below", self.below_reason), ("above", self.above_reason)):
+            if int(column[name]) != _EXAMINED:
+                text += f"; {side}, {REASONS[int(column[name])]}"
+        return text
 
     def __str__(self) -> str:
         if np.ndim(self.value):
@@ -135,7 +146,7 @@ class Derivatives(Printed, eqx.Module):
 
 def _count_digits(value: float, error: float) -> int:
     """Count the digits of a value that its error leaves."""
-    if not (value and error):
+    if not (value and error and math.isfinite(error)):
         return 6
     return int(
         np.clip(1 + math.floor(math.log10(abs(value))) - math.floor(math.log10(error)), 1, 12)
@@ -145,7 +156,7 @@ def _count_digits(value: float, error: float) -> int:
 def derivatives_within(
     blocks: Block,
     restitution: Number,
-    motion: Motion | Suite | Number,
+    motion: "Motion | Suite | Number",
     tolerance: float,
     duration: Number | None = None,
     *,
@@ -215,8 +226,9 @@ def derivatives_within(
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if callable(of):
-        scene = Scene(blocks, restitution, motion)
+        scene = Scene(blocks, restitution, cast("Number", motion))
         return _differentiate_closed_form(of, scene, tolerance, by, model)
+    motion = cast("Motion | Suite", motion)
     restitution, duration = check_batch(blocks, restitution, motion, duration)
     as_name("of", of, _CODES)
     scene = {name: getattr(motion, name) for name in name_fields(motion)}
@@ -277,7 +289,7 @@ def _make_derivatives(
     names: tuple[str, ...],
     tolerance: float,
     response: EstimatedResponse | None,
-    value: np.ndarray,
+    value: Any,
     columns: Sequence[np.ndarray],
 ) -> Derivatives:
     """Decide which derivatives are within the tolerance, and give all columns by name."""
@@ -426,7 +438,7 @@ class _Scenes(NamedTuple):
         )
         part = replace(part, control=control.control)
         part = jax.tree.map(lambda leaf: np.asarray(leaf, leaf.dtype), part)
-        return simulate_batch(part, self.model).answer
+        return cast("SimulatedAnswer", simulate_batch(part, self.model).answer)
 
 
 def _check_ends(

@@ -151,6 +151,6 @@ def prepare_blocks(
         duration=duration,
         excitation=excitation,
         control=jax.lax.stop_gradient(arguments.control),
-        answer=arguments.answer,
+        answer=None if arguments.answer is None else jnp.asarray(arguments.answer),
     )
     return PreparedBlocks(case, initial, unit, valid)

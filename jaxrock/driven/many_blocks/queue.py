@@ -5,14 +5,13 @@ impacts.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from ...validation import Integers, Reals
-from .coincidences import AnswerEvents, Nearest
 from .ground_input import GroundInput
 from .initial_state import InitialState
 from .prepared_blocks import Case
@@ -32,9 +31,10 @@ class FinalStates(NamedTuple):
     impacts: Reals
     impact_sum: Reals
     finished: Reals  # 1 if simulated to the end, otherwise 0
-    events: AnswerEvents | None  # with coincidences, like the second highest rotation
-    second_peak: Reals | None
-    later: Nearest | None
+    # With coincidences, else None: `AnswerEvents`, the second highest rotation, `Nearest`.
+    events: Any
+    second_peak: Any
+    later: Any
 
     @classmethod
     def of(cls, lanes: Lanes, case: Case) -> "FinalStates":

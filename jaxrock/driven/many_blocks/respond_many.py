@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Hashable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -83,9 +83,10 @@ class SimulatedBatch(NamedTuple):
     response: "BatchResponse"
     impact_sum: Reals
     impact_unit: Reals  # square of the velocity before an impact that sends it to its peak
-    answer: "SimulatedAnswer | None" = None  # where derivatives or coincidences are wanted
-    # Of the reals of the answer, an axis for the parameters behind that of the blocks.
-    slopes: "SimulatedAnswer | None" = None
+    # A `SimulatedAnswer` where derivatives or coincidences are wanted, and its slopes, which have
+    # an axis for the parameters behind that of the blocks.
+    answer: Any = None
+    slopes: Any = None
 
 
 class SimulatedAnswer(NamedTuple):

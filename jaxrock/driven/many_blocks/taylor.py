@@ -7,7 +7,7 @@ own dense output.
 
 import math
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import jax
 import jax.numpy as jnp
@@ -126,9 +126,7 @@ def _starts(state: tuple[Reals, Reals]) -> Booleans:
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _expand(
-    linearized: bool, order: int, *arguments: tuple[Reals | float, ...]
-) -> tuple[Reals, ...]:
+def _expand(linearized: bool, order: int, *arguments: Any) -> tuple[Reals, ...]:
     return _expand_all(linearized, order, *arguments)[0]
 
 

@@ -29,7 +29,7 @@ way, whether a block comes to rest.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -244,7 +244,7 @@ class _Estimate(NamedTuple):
     rtol: np.ndarray
     error: np.ndarray
     cheapest: np.ndarray
-    slope_error: np.ndarray | None  # absolute, shape (blocks, parameters)
+    slope_error: Any  # absolute, shape (blocks, parameters), or None
 
     def suffices(self, tolerance: float, at: np.ndarray | None) -> np.ndarray:
         """Return whether the errors of a response and of all its slopes are within a tolerance."""
@@ -370,9 +370,7 @@ def _bound_error(worse: SimulatedBatch, better: SimulatedBatch) -> np.ndarray:
     return np.where(same, _SAFETY * difference, np.inf)
 
 
-def _bound_slope_errors(
-    worse: SimulatedBatch, better: SimulatedBatch, least: float
-) -> np.ndarray | None:
+def _bound_slope_errors(worse: SimulatedBatch, better: SimulatedBatch, least: float) -> Any:
     """Bound the errors of the slopes of the better simulation by a worse one."""
     if better.slopes is None:
         return None
