@@ -222,7 +222,7 @@ def test_derivatives_with_respect_to_a_record_are_drawn_over_its_time():
     response = jr.respond(WALL.block, 0.7, record)
     slopes = np.linspace(-1, 2, 100)
     ax = plot.plot_response(response, sensitivity=slopes)
-    strip = ax.child_axes[1].collections[0].get_paths()[0].vertices
+    strip = np.asarray(ax.child_axes[1].collections[0].get_paths()[0].vertices)
     assert strip[:, 1].max() == 2
     assert strip[strip[:, 1].argmax(), 0] == pytest.approx(0.5 + 99 * 0.05)
     with pytest.raises(ValueError, match=r"each sample of the record, got .* \(99,\)"):
