@@ -402,8 +402,9 @@ def test_pictures_of_shares():
 )
 def test_a_tornado_without_bars_is_a_sentence(answer, sentence):
     same = np.full(2, answer)
+    low, high, unknown = (np.full(2, value) for value in (1.0, 2.0, np.nan))
     bars = jr.sensitivity.TornadoBars(
-        ("restitution", "scale"), np.ones(2), np.full(2, 2.0), same, same, answer
+        ("restitution", "scale"), low, high, same, same, unknown, unknown, answer
     )
     assert str(bars) == sentence
     ax = plot_tornado(bars)

@@ -196,6 +196,7 @@ CALLED_WITH = {
         jr.respond_to_train(BLOCK, c, [0.0, 0.5], [0.3, -0.3]).peak_rotation
     ),
     "respond_within": lambda c: jr.respond_within(BLOCK, c, PULSE, 1e-3).error,
+    "derivatives_within": lambda c: jr.derivatives_within(BLOCK, c, PULSE, 1e-3).value,
     "worst_train": lambda c: jr.worst_train(BLOCK, c, 3).intensities[0],
     "choose": lambda c: jr.accuracy.choose(scene_of(c), 1e-3).index,
     "sensitivities": lambda c: jr.sensitivities(jr.rotation_ratio, scene_of(c)).value,
