@@ -107,7 +107,9 @@ def refuse_reverse_mode(name: str, tree: _T) -> _T:
     tree : pytree
         Leaves that are no floating-point numbers have no derivatives, and stay as they are.
     """
-    return transpose_by((), tree, pull=functools.partial(_refuse, name))
+    refuse = functools.partial(_refuse, name)
+    # Leaf by leaf: together they would be written into one array.
+    return jax.tree.map(lambda leaf: transpose_by((), leaf, pull=refuse), tree)
 
 
 def _refuse(name: str, *_: object) -> NoReturn:

@@ -240,7 +240,9 @@ def derivatives_within(
     batch = replace(batch, answer=np.asarray(_CODES[of], batch.dtype))
     values = [parameters.values[parameters.names.index(name)] for name in names]
     at = np.stack([np.broadcast_to(value, batch.shape) for value in values], -1)
-    directions = _find_directions(parameters, names, values, motion, duration)
+    # Records of many lengths share one program.
+    traced = motion.bucketed() if isinstance(motion, Record) else motion
+    directions = _find_directions(parameters, names, values, traced, duration)
     moved = replace(batch, directions=_drop_zeros(directions, batch.dtype))
     equation = as_model(Nonlinear() if model is None else model)
     response, answer, slopes, error = differentiate_within(moved, tolerance, equation, at)
