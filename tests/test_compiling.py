@@ -192,7 +192,7 @@ CALLS = {
     "respond_batch": lambda k: jr.respond_batch(block(k), 0.9, pulses(k), 3.0 + k),
     "respond_to_train": lambda k: jr.respond_to_train(
         block(k), 0.7, np.array([0.0, 0.5 + 0.1 * k, 1.5]), np.array([0.3, -0.3, 0.3])
-    ).history(np.linspace(0, 1, 10 + k)),
+    ).history(np.linspace(0, 1 + k, 10)),
     "respond_within": lambda k: jr.respond_within(block(k), 0.9, pulses(k), 1e-3),
     "rocking_spectrum": lambda k: jr.rocking_spectrum(
         record(seed=k), np.linspace(1.0 + k, 3, 6), 5.0
