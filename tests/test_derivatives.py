@@ -160,6 +160,29 @@ def test_a_coincidence_is_not_crossed():
     assert_not_across(falls, "restitution", factor=boundary)
 
 
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_two_equal_peaks_are_not_certified():
+    """At a restitution at which another bounce becomes the highest, found by another integrator."""
+    block = jr.Block.from_size(width=0.5, height=2.0)
+    record = jr.example_record().scaled(1.5)
+
+    def is_earlier(restitution):
+        response = jr.respond(block, restitution, record, rtol=1e-11, solver="Dopri8")
+        return float(response.peak_time) < 11.0
+
+    equal = bisect(is_earlier, 0.666, 0.6665)
+    at = np.array([equal - 1e-5, equal, equal + 1e-5])
+    found = jr.derivatives_within(block, at, record, 1e-6, by=["restitution"])
+    low, high = (np.asarray(part["restitution"]) for part in (found.below, found.above))
+    slope = np.asarray(found.derivative["restitution"])
+    np.testing.assert_array_equal(found.within_tolerance["restitution"], [True, False, True])
+    assert slope[2] > 10 * slope[0] > 0
+    assert low[0] < at[0] < high[0] < equal
+    assert equal < low[2] < at[2] < high[2]
+    assert not low[1] < equal < high[1]
+
+
 def test_a_derivative_at_the_edge_is_one_sided():
     """Elastic impacts end the range; a block that is not lifted does not move."""
     found = jr.derivatives_within(BLOCK, 1.0, PULSE, 1e-2, 4.0)

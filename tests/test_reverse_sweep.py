@@ -76,20 +76,23 @@ def test_a_pulse_and_a_block_that_is_not_valid():
 
 
 @pytest.mark.float64
-def test_through_hundreds_of_impacts_and_several_windows():
-    samples = jnp.tile(0.5 * samples_of(), 4)
+def test_through_a_thousand_impacts_and_several_windows():
+    """On a stable orbit: where impacts amplify rounding, two programs differ by more."""
+    time = STEP * np.arange(13_000)
+    samples = jnp.asarray(8.0 * np.sin(4 * np.pi * time))
     block = jr.Block(0.3, 3.0)
 
     def velocity(samples):
-        response = jr.respond_batch(block, 0.97, jr.Record(samples, STEP), velocity=0.05)
+        response = jr.respond_batch(block, 0.7, jr.Record(samples, STEP))
         return response.final_velocity, response.impacts
 
     gradient, impacts = jax.jit(jax.grad(velocity, has_aux=True))(samples)
-    assert impacts > 500
+    assert impacts > 1000
     push = jax.jit(
         jax.vmap(lambda along: jax.jvp(velocity, (samples,), (along,), has_aux=True)[1])
     )
-    some = np.arange(0, samples.size, 113)
+    # The orbit forgets what was long ago.
+    some = samples.size - np.geomspace(1, 2000, 40).astype(int)
     expected = push(jnp.eye(samples.size)[some])
     np.testing.assert_allclose(gradient[some], expected, atol=1e-9 * abs(gradient).max())
 

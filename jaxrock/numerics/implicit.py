@@ -17,7 +17,7 @@ _COLUMNS = 64  # of a Jacobian, for one array
 
 
 def differentiate_by_jacobian(
-    function: Callable[..., _R], of_arrays: Callable[..., _R] | None = None
+    function: Callable[..., _R], for_arrays: Callable[..., _R] | None = None
 ) -> Callable[..., _R]:
     """Give a function derivatives in both modes with respect to its positional arguments.
 
@@ -25,7 +25,7 @@ def differentiate_by_jacobian(
     number, and then applied: a linear map, which both modes can use. A derivative of that
     exists in forward mode only. Options, by keyword, have no derivatives.
 
-    `of_arrays` is the same function with derivatives of its own. They count instead where an
+    `for_arrays` is the same function with derivatives of its own. They count instead where an
     array of more than 64 numbers is perturbed: a Jacobian would have too many columns.
     """
     wrapped = eqx.filter_custom_jvp(function)
@@ -34,8 +34,11 @@ def differentiate_by_jacobian(
     def apply_jacobian(
         primals: PyTree, tangents: PyTree, **options: object
     ) -> tuple[PyTree, PyTree]:
-        if of_arrays and max(tangent.size for tangent in jax.tree.leaves(tangents)) > _COLUMNS:
-            return eqx.filter_jvp(of_arrays, primals, tangents, **options)
+        if (
+            for_arrays
+            and max(tangent.size for tangent in jax.tree.leaves(tangents)) > _COLUMNS
+        ):
+            return eqx.filter_jvp(for_arrays, primals, tangents, **options)
         # Equinox writes None for the tangent of a leaf that is not perturbed.
         perturbed = jax.tree.map(
             lambda t: t is not None, tangents, is_leaf=lambda t: t is None

@@ -83,13 +83,14 @@ class Derivatives(Printed, eqx.Module):
     at, derivative, error : dict of Array
         By the name of each parameter x: its value, ``dy / dx``, and the absolute error of that.
     below, above : dict of Array
-        From where to where value and slope go on without a jump. A range that ends at x itself
-        has a one-sided derivative.
+        From where to where value and slope go on without a jump. A limit that is x itself says
+        that no range was confirmed on this side; at the end of what is allowed, such as C = 1,
+        the derivative is one-sided.
     within_tolerance : dict of Array of bool
         Whether the error is at most the tolerance times ``max(abs(dy / dx), abs(y / x))``, and x
         lies inside the range by more than rounding.
     below_reason, above_reason : dict of Array of int
-        Why the range ends there: an index of `REASONS`.
+        Why the range ends there, as a number; `explain` has it in words.
     """
 
     of: str = eqx.field(static=True)
@@ -126,13 +127,23 @@ class Derivatives(Printed, eqx.Module):
         if math.isinf(error):
             return f"{head} is not known: less accurate simulations go another way"
         digits = _count_digits(slope, error)
-        ends = (f"{end:.{max(4, 1 + _count_digits(x, abs(x - end)))}g}" for end in (low, high))
-        text = f"{head} = {slope:.{digits}g} +- {error:.1g}, for {symbol} from {' to '.join(ends)}"
-        if x in (low, high):
-            text += f"; one-sided, for a {'larger' if low == x else 'smaller'} {symbol}"
-        for side, column in (("below", self.below_reason), ("above", self.above_reason)):
-            if int(column[name]) != _EXAMINED:
-                text += f"; {side}, {REASONS[int(column[name])]}"
+        limits = " to ".join(
+            f"{limit:.{max(4, 1 + _count_digits(x, abs(x - limit)))}g}"
+            for limit in (low, high)
+        )
+        text = f"{head} = {slope:.{digits}g} +- {error:.1g}, for {symbol} from {limits}"
+        sides = (
+            ("below", "larger", low, self.below_reason),
+            ("above", "smaller", high, self.above_reason),
+        )
+        for side, inside, limit, column in sides:
+            reason = int(column[name])
+            if limit == x and reason == _LIMIT:
+                text += f"; one-sided, for a {inside} {symbol}"
+            elif limit == x:
+                text += f"; no range {side} was confirmed: {REASONS[reason]}"
+            elif reason != _EXAMINED:
+                text += f"; {side}, {REASONS[reason]}"
         return text
 
     def __str__(self) -> str:
@@ -211,7 +222,7 @@ def derivatives_within(
     (squared velocity of an impact, height of a low point, gap to each other top, margin of
     overturning) says how far away the nearest coincidence is. A simulation at 0.9 of that
     distance checks it, and the distance is reduced until one confirms it. Between the ends
-    a narrow interval may remain unseen, in which another bounce is the highest.
+    a narrow interval may not be detected, in which another bounce is the highest.
 
     Of closed forms the error is that of rounding, and a range ends where the block overturns.
 
@@ -402,18 +413,18 @@ class _Scenes(NamedTuple):
             pending = ~valid & (distances > 0)
             if not pending.any():
                 break
-            ends = self._simulate_ends(at, distances, pending, rtol)
-            failure = _check_ends(ends, answer, slopes, distances, pending, bends, allowed)
+            moved = self._simulate_limits(at, distances, pending, rtol)
+            failure = _check_limits(moved, answer, slopes, distances, pending, bends, allowed)
             fails = failure >= 0
             valid |= pending & ~fails
             reasons = np.where(fails & (reasons <= _LIMIT), failure, reasons)
             distances = np.where(fails, _REDUCTION * distances, distances)
         return np.where(valid | unknown, distances, 0), reasons
 
-    def _simulate_ends(
+    def _simulate_limits(
         self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: float
     ) -> SimulatedAnswer:
-        """Simulate the ends of ranges that are pending, in the order of `np.nonzero`."""
+        """Simulate the limits of ranges that are pending, in the order of `np.nonzero`."""
         count = len(self.names)
         flat = at.reshape(-1, count)
         side, block, parameter = np.nonzero(pending.reshape(2, -1, count))
@@ -444,8 +455,8 @@ class _Scenes(NamedTuple):
         return cast("SimulatedAnswer", simulate_batch(part, self.model).answer)
 
 
-def _check_ends(
-    ends: SimulatedAnswer,
+def _check_limits(
+    moved: SimulatedAnswer,
     answer: SimulatedAnswer,
     slopes: SimulatedAnswer,
     distances: np.ndarray,
@@ -453,14 +464,14 @@ def _check_ends(
     bends: np.ndarray,
     allowed: np.ndarray,
 ) -> np.ndarray:
-    """Check whether answers go on smoothly to ends of ranges that are pending.
+    """Check whether answers go on smoothly to limits of ranges that are pending.
 
-    `bends`, the curvature towards each end, is filled in.
+    `bends`, the curvature towards each limit, is filled in.
 
     Returns
     -------
     ndarray of int, shape (2, ..., parameters)
-        Why one does not, as an index of `REASONS`; -1 where it does.
+        Why one does not, by its number; -1 where it does.
     """
 
     def select(column: np.ndarray) -> np.ndarray:
@@ -471,21 +482,21 @@ def _check_ends(
     here = jax.tree.map(lambda column: select(column[..., None]), answer)
     slope = jax.tree.map(select, slopes)
     linear = jax.tree.map(lambda part: part * step, slope)
-    excess = jax.tree.map(lambda end, x, move: np.abs(end - x - move), ends, here, linear)
+    excess = jax.tree.map(lambda there, x, move: np.abs(there - x - move), moved, here, linear)
     rounding = 1e4 * np.finfo(distance.dtype).eps
 
     # Events that change the slope by less than its error do not matter.
     matters = ~(excess.value <= select(allowed) * distance)
-    other_events = matters & (ends.events.sequence != here.events.sequence)
+    other_events = matters & (moved.events.sequence != here.events.sequence)
     largest_delay = 2 * np.abs(linear.events.lifted) + rounding * (1 + here.events.lifted)
     other_time = matters & (excess.events.lifted > largest_delay)
     # What does not change to first order may change more between both: the gap to the second
     # highest top, and where this gap is not wide all motion.
     unsteady = excess.gap > _UNSTEADY * here.gap
     wild = excess.impact_sum > _UNSTEADY * np.abs(linear.impact_sum) + 1e-3 * here.impact_sum
-    unsteady |= wild & (np.minimum(here.gap, ends.gap) < _WIDE)
+    unsteady |= wild & (np.minimum(here.gap, moved.gap) < _WIDE)
 
-    bend = (ends.value - here.value - linear.value) / distance**2
+    bend = (moved.value - here.value - linear.value) / distance**2
     bends[pending] = np.where(other_events | other_time, np.nan, bend)
     opposite = select(bends[::-1])
     mean = np.where(np.isnan(opposite), 0, 0.5 * (opposite + bend))
@@ -495,7 +506,7 @@ def _check_ends(
     )
     failure = np.full(distances.shape, -1)
     failure[pending] = np.select(
-        [np.isnan(ends.value), other_events, other_time, unsteady & matters, bent],
+        [np.isnan(moved.value), other_events, other_time, unsteady & matters, bent],
         [_OVERTURNS, _IMPACT, _LIFTED, _CHANGE, _BENDS],
         -1,
     )

@@ -247,29 +247,29 @@ def _follow(
         return simulated
     peak = jnp.where(overturned, jnp.nan, response.peak_rotation)
     ratio = peak / arguments.block.critical_angle
-    of_peak = case.answer != MARGIN
+    is_peak = case.answer != MARGIN
     value = jnp.where(case.answer == ROTATION_RATIO, ratio, peak)
     zero = jnp.zeros_like(peak)
     none = Nearest(zero, zero)
     gap = jnp.where(
-        of_peak, ends.peak - ends.second_peak, jnp.abs(after_impact - before_impact)
+        is_peak, ends.peak - ends.second_peak, jnp.abs(after_impact - before_impact)
     )
     return simulated._replace(
         answer=SimulatedAnswer(
             # The margin of a block that topples is that of the step in which it does.
             value=jnp.where(
-                of_peak,
+                is_peak,
                 value,
                 jnp.where(ends.end_rotation < TOPPLED_ROTATION, response.margin, jnp.nan),
             ),
-            gap=gap / jnp.where(of_peak & (ends.peak > 0), ends.peak, 1),
+            gap=gap / jnp.where(is_peak & (ends.peak > 0), ends.peak, 1),
             impact_sum=ends.impact_sum,
             events=ends.events._replace(lifted=ends.events.lifted * unit),
-            change=jax.tree.map(lambda rate: jnp.where(of_peak, rate, 0), ends.later).include(
+            change=jax.tree.map(lambda rate: jnp.where(is_peak, rate, 0), ends.later).include(
                 gap, complete
             ),
-            overturning=none.include(margin, of_peak).include(
-                arguments.block.critical_angle - ends.peak, of_peak
+            overturning=none.include(margin, is_peak).include(
+                arguments.block.critical_angle - ends.peak, is_peak
             ),
         )
     )

@@ -128,7 +128,7 @@ def _follow_by_samples(driven: Driven, **options: Any) -> FollowedMotion:
 _follow_jitted = eqx.filter_jit(follow_driven)
 # Compiled once for all tolerances, with derivatives in both modes.
 follow_driven_jitted = eqx.filter_jit(
-    differentiate_by_jacobian(follow_driven, of_arrays=_follow_by_samples)
+    differentiate_by_jacobian(follow_driven, for_arrays=_follow_by_samples)
 )
 
 
