@@ -31,6 +31,7 @@ PRINTED = (
     "paper",
     "calibration",
     "concepts",
+    "driven_motion",
     "floors",
     "sensitivities",
     "gradients",
@@ -136,15 +137,8 @@ def test_links_lead_to_files_that_are_there(page):
 
 @pytest.mark.float64
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("page", "before", "after"),
-    [
-        ("driven_motion", "1_000_000", "20_000"),
-        ("suites", "jr.example_suite()", "jr.example_suite()[:6]"),
-    ],
-)
-def test_code_runs_with_fewer_blocks_or_records(page, before, after, capsys):
-    run(page, capsys, before, after)
+def test_code_runs_with_fewer_records(capsys):
+    run("suites", capsys, "jr.example_suite()", "jr.example_suite()[:6]")
 
 
 @pytest.mark.float64
