@@ -17,6 +17,7 @@ from ..driven import (
     EstimatedResponse,
     SimulatedAnswer,
     check_batch,
+    choose_step_tolerance,
     differentiate_within,
     find_slope_scale,
     simulate_batch,
@@ -145,6 +146,20 @@ class Derivatives(Printed, eqx.Module):
             elif reason != _EXAMINED:
                 text += f"; {side}, {REASONS[reason]}"
         return text
+
+    def table(self) -> dict[str, list[float]]:
+        """List values, derivatives with errors, elasticities and ranges of one block.
+
+        Returns
+        -------
+        dict of list
+            A row for each parameter.
+        """
+        slopes = self.derivative
+        elasticity = {name: slopes[name] * x / self.value for name, x in self.at.items()}
+        columns = {"value": self.at, "derivative": slopes, "error": self.error}
+        columns |= {"elasticity": elasticity, "below": self.below, "above": self.above}
+        return {head: [*map(float, part.values())] for head, part in columns.items()}
 
     def __str__(self) -> str:
         if np.ndim(self.value):
@@ -407,13 +422,12 @@ class _Scenes(NamedTuple):
         distances = np.where(unknown, np.nan, np.where(distances > least, distances, 0))
         bends = np.full_like(distances, np.nan)
         valid = np.zeros(distances.shape, bool)
-        rtol = float(response.rtol.min())
         allowed = tolerance * find_slope_scale(answer, slopes, at)
         for _ in range(_ROUNDS):
             pending = ~valid & (distances > 0)
             if not pending.any():
                 break
-            moved = self._simulate_limits(at, distances, pending, rtol)
+            moved = self._simulate_limits(at, distances, pending, response.rtol)
             failure = _check_limits(moved, answer, slopes, distances, pending, bends, allowed)
             fails = failure >= 0
             valid |= pending & ~fails
@@ -422,7 +436,7 @@ class _Scenes(NamedTuple):
         return np.where(valid | unknown, distances, 0), reasons
 
     def _simulate_limits(
-        self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: float
+        self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: Reals
     ) -> SimulatedAnswer:
         """Simulate the limits of ranges that are pending, in the order of `np.nonzero`."""
         count = len(self.names)
@@ -447,10 +461,8 @@ class _Scenes(NamedTuple):
             part = replace(part, ground=made.ground, until=made.until)
         part = replace(part, block=scene["block"], restitution=scene["restitution"])
         part = part.scaled(scene["factor"])
-        control = Batch.of(
-            scene["block"], scene["restitution"], Record([0.0, 0.0], 1.0), rtol=rtol
-        )
-        part = replace(part, control=control.control)
+        tolerance = choose_step_tolerance(np.asarray(rtol).reshape(-1)[block], part.dtype)
+        part = replace(part, control=part.control._replace(tolerance=tolerance))
         part = jax.tree.map(lambda leaf: np.asarray(leaf, leaf.dtype), part)
         return cast("SimulatedAnswer", simulate_batch(part, self.model).answer)
 

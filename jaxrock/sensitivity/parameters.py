@@ -216,5 +216,5 @@ def _evaluate(
 
 def describe_parameter(name: str) -> str:
     """Write a parameter in words, a size with what stays as it is where it is changed."""
-    words = {**SIZES_IN_WORDS, "scale": "factor on the motion"}
+    words = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
     return words.get(name, name.replace("_", " "))
