@@ -17,7 +17,6 @@ from .many_blocks import GroundMotions as GroundMotions
 from .many_blocks import RecordVariants as RecordVariants
 from .many_blocks import SimulatedAnswer as SimulatedAnswer
 from .many_blocks import check_batch as check_batch
-from .many_blocks import choose_step_tolerance as choose_step_tolerance
 from .many_blocks import convert_motion as convert_motion
 from .many_blocks import differentiate_within as differentiate_within
 from .many_blocks import find_slope_scale as find_slope_scale

@@ -17,7 +17,6 @@ from ..driven import (
     EstimatedResponse,
     SimulatedAnswer,
     check_batch,
-    choose_step_tolerance,
     differentiate_within,
     find_slope_scale,
     simulate_batch,
@@ -26,9 +25,9 @@ from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, Scene, as_model
 from ..validation import POSITIVE, Number, Reals, as_name, as_real, check, check_concrete
-from .derivative_validity import estimate_rounding, find_finite_ranges
+from .derivative_validity import differentiate_closed_form
 from .driven_answer import change_motion, name_fields
-from .parameters import Parameters, describe_parameter, evaluate_answer, name_parameters
+from .parameters import Parameters, describe_parameter, name_parameters
 
 # The answers as `Batch` numbers them.
 _CODES = {"peak_rotation": 0, "rotation_ratio": 1, "margin": 2}
@@ -293,24 +292,16 @@ def _differentiate_closed_form(
     parameters = name_parameters(scene, names, "by")
     listed = parameters.names
     at = np.stack([np.broadcast_to(value, shape) for value in parameters.values], -1)
-    given = {} if model is None else {"model": model}
-    answer = eqx.Partial(function, **given)
-
-    def evaluate(points: np.ndarray, order: int = 0) -> list[np.ndarray]:
-        flat = points.reshape(-1, len(listed))
-        parts = evaluate_answer(answer, parameters, listed, flat, order)
-        return [part.reshape((*points.shape[:-1], *part.shape[1:])) for part in parts]
-
-    value, gradient, hessian = evaluate(at, 2)
-    gradient = np.where(np.isnan(value)[..., None], np.nan, gradient)
-    error = estimate_rounding(listed, at, gradient, hessian)
-    ranges = find_finite_ranges(lambda points: evaluate(points)[0], at)
-    limited = [np.isinf(end) | ((end == k) & (k == 0)) for k, end in enumerate(ranges)]
+    answer = eqx.Partial(function, **({} if model is None else {"model": model}))
+    found = differentiate_closed_form(answer, parameters, listed, at)
+    limits = found.below, found.above
+    limited = [np.isinf(end) | ((end == k) & (k == 0)) for k, end in enumerate(limits)]
     reasons = [np.where(part, _EXAMINED, _OVERTURNS) for part in limited]
     kept = [listed.index(name) for name in names]
-    columns = [column[..., kept] for column in (at, gradient, error, *ranges, *reasons)]
+    columns = (at, found.gradient, found.error, *limits, *reasons)
+    columns = [column[..., kept] for column in columns]
     name = getattr(function, "__name__", "answer")
-    return _make_derivatives(name, names, tolerance, None, value, columns)
+    return _make_derivatives(name, names, tolerance, None, found.value, columns)
 
 
 def _make_derivatives(
@@ -423,11 +414,12 @@ class _Scenes(NamedTuple):
         bends = np.full_like(distances, np.nan)
         valid = np.zeros(distances.shape, bool)
         allowed = tolerance * find_slope_scale(answer, slopes, at)
+        rtol = np.asarray(response.rtol)
         for _ in range(_ROUNDS):
             pending = ~valid & (distances > 0)
             if not pending.any():
                 break
-            moved = self._simulate_limits(at, distances, pending, response.rtol)
+            moved = self._simulate_limits(at, distances, pending, rtol)
             failure = _check_limits(moved, answer, slopes, distances, pending, bends, allowed)
             fails = failure >= 0
             valid |= pending & ~fails
@@ -436,7 +428,7 @@ class _Scenes(NamedTuple):
         return np.where(valid | unknown, distances, 0), reasons
 
     def _simulate_limits(
-        self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: Reals
+        self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: np.ndarray
     ) -> SimulatedAnswer:
         """Simulate the limits of ranges that are pending, in the order of `np.nonzero`."""
         count = len(self.names)
@@ -454,17 +446,14 @@ class _Scenes(NamedTuple):
         numbers = [take(value) for value in self.parameters.values]
         scene = replace(self.parameters, values=numbers).build(changes)
         part = self.batch.select(block)
+        motion = part.ground
         if isinstance(self.motion, Pulse | Harmonic):
             motion = change_motion(jax.tree.map(take, self.motion), scene)
-            until = None if self.duration is None else part.until
-            made = Batch.of(scene["block"], scene["restitution"], motion, until)
-            part = replace(part, ground=made.ground, until=made.until)
-        part = replace(part, block=scene["block"], restitution=scene["restitution"])
-        part = part.scaled(scene["factor"])
-        tolerance = choose_step_tolerance(np.asarray(rtol).reshape(-1)[block], part.dtype)
-        part = replace(part, control=part.control._replace(tolerance=tolerance))
-        part = jax.tree.map(lambda leaf: np.asarray(leaf, leaf.dtype), part)
-        return cast("SimulatedAnswer", simulate_batch(part, self.model).answer)
+        until = None if self.duration is None else part.until
+        levels = np.broadcast_to(rtol, shape).flat[block]
+        moved = Batch.of(scene["block"], scene["restitution"], motion, until, rtol=levels)
+        moved = replace(moved.scaled(scene["factor"]), answer=part.answer)
+        return cast("SimulatedAnswer", simulate_batch(moved, self.model).answer)
 
 
 def _check_limits(

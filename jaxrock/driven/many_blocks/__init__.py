@@ -1,6 +1,6 @@
 """Many blocks side by side, each at its own pace, by Taylor polynomials."""
 
-from .batch import Batch, choose_step_tolerance
+from .batch import Batch
 from .compiler_options import jit_steps
 from .ground_motions import GroundMotions, convert_motion
 from .ground_motions import RecordVariants as RecordVariants
@@ -31,7 +31,6 @@ __all__ = [
     "GroundMotions",
     "SimulatedAnswer",
     "check_batch",
-    "choose_step_tolerance",
     "convert_motion",
     "differentiate_within",
     "find_slope_scale",

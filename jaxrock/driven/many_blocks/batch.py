@@ -72,7 +72,7 @@ class Batch(eqx.Module):
         *,
         rotation: Number | None = None,
         velocity: Number | None = None,
-        rtol: float | None = None,
+        rtol: float | HostNumbers | None = None,
     ) -> "Batch":
         """Make the batch, to be simulated to the end of the motion or for a duration.
 
