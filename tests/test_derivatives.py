@@ -166,7 +166,9 @@ def test_a_grazing_impact_is_not_crossed():
     """A second pulse catches the block just before it lands, or just after."""
     time = np.arange(0.0, 1.0, 0.01)
     first = np.where(time < 0.3, 3.0 * np.sin(np.pi * time / 0.3), 0.0)
-    push = np.where((time > 0.35) & (time < 0.85), 3.0 * np.sin(2 * np.pi * (time - 0.35)), 0.0)
+    push = np.where(
+        (time > 0.35) & (time < 0.85), 3.0 * np.sin(2 * np.pi * (time - 0.35)), 0.0
+    )
     motion = jr.Record(first + push, 0.01)
 
     def lands(factor):

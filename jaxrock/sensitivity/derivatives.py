@@ -44,17 +44,15 @@ _BY = "restitution", "half_width", "slenderness"
 # distance to a coincidence, which is known to first order; where a simulation there shows that it
 # has been passed, the distance is reduced by this factor, so many times.
 _FARTHEST = 0.2
-_NEARER = 0.9
-_REDUCTION = 0.3
-_ROUNDS = 8
+_NEARER = 0.75
+_REDUCTION = 0.15
+_ROUNDS = 5
 # Of a parameter, in eps: a range that is shorter is none.
 _ROUNDING = 64
 # What a parabola through both ends of a range may leave unexplained, over what it explains.
 _UNEXPLAINED = 0.1
-# What gaps and sums over impacts may differ from their tangents, over themselves, and the gap
-# that is so wide, over the peak, that sums do not matter.
-_UNSTEADY = 0.3
-_WIDE = 0.5
+# What gaps and sums over impacts may differ from their tangents, over themselves.
+_UNSTEADY = 0.12
 # Why a range ends where it does.
 REASONS = (
     "as far as examined",
@@ -234,7 +232,7 @@ def derivatives_within(
     or the outcome change, where the answer departs from a parabola by a tenth, or at 20 % of
     the parameter, beyond which nothing is examined. To first order the margin of each event
     (squared velocity of an impact, height of a low point, gap to each other top, margin of
-    overturning) says how far away the nearest coincidence is. A simulation at 0.9 of that
+    overturning) says how far away the nearest coincidence is. A simulation at 3/4 of that
     distance checks it, and the distance is reduced until one confirms it. Between the ends
     a narrow interval may not be detected, in which another bounce is the highest.
 
@@ -248,7 +246,7 @@ def derivatives_within(
     >>> print(found.explain("restitution").partition(", for")[0])
     d(peak rotation)/dC = 0.1005515539 +- 4e-10
     >>> print(f"for C from {found.below['restitution']:.2f} to {found.above['restitution']:.2f}")
-    for C from 0.85 to 0.99
+    for C from 0.87 to 0.99
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if callable(of):
@@ -404,7 +402,8 @@ class _Scenes(NamedTuple):
         limits = np.full_like(farthest, np.inf)
         if "restitution" in self.names:
             k = self.names.index("restitution")
-            limits[..., k] = _NEARER * np.stack([c := np.abs(at[..., k]), 1 - c])
+            # A restitution stays between its limits 0 and 1.
+            limits[..., k] = 0.9 * np.stack([c := np.abs(at[..., k]), 1 - c])
         candidates = np.stack([farthest, limits, *coincidences])
         reasons = np.argmin(candidates, axis=0)
         unknown = np.isnan(answer.value)[..., None]
@@ -491,11 +490,11 @@ def _check_limits(
     other_events = matters & (moved.events.sequence != here.events.sequence)
     largest_delay = 2 * np.abs(linear.events.lifted) + rounding * (1 + here.events.lifted)
     other_time = matters & (excess.events.lifted > largest_delay)
-    # What does not change to first order may change more between both: the gap to the second
-    # highest top, and where this gap is not wide all motion.
+    # What departs from its tangent may depart further between both: the gap to the second
+    # highest top, and all motion by its sum over impacts.
     unsteady = excess.gap > _UNSTEADY * here.gap
-    wild = excess.impact_sum > _UNSTEADY * np.abs(linear.impact_sum) + 1e-3 * here.impact_sum
-    unsteady |= wild & (np.minimum(here.gap, moved.gap) < _WIDE)
+    allowed_sum = _UNSTEADY * np.abs(linear.impact_sum) + 1e-3 * here.impact_sum
+    unsteady |= excess.impact_sum > allowed_sum
 
     bend = (moved.value - here.value - linear.value) / distance**2
     bends[pending] = np.where(other_events | other_time, np.nan, bend)
