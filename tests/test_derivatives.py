@@ -131,12 +131,12 @@ def bisect(is_beyond, low, high):
     return low
 
 
-def assert_not_across(place, name, **scene):
+def assert_not_across(place, name, motion=PULSE, **scene):
     """Derivatives near a coincidence have ranges that end at it, also of the coincidence."""
     for x in place * np.array([1 - 1e-3, 1 - 1e-7, 1.0, 1 + 1e-7, 1 + 1e-3]):
         at = {"restitution": 0.9, "factor": 1.0, **scene, name: x}
         found = jr.derivatives_within(
-            BLOCK, at["restitution"], PULSE.scaled(at["factor"]), 1e-6, 4.0
+            BLOCK, at["restitution"], motion.scaled(at["factor"]), 1e-6, 4.0
         )
         unit = x if name == "factor" else 1.0
         below, above = (float(part[name]) * unit for part in (found.below, found.above))
@@ -158,6 +158,26 @@ def test_a_coincidence_is_not_crossed():
     boundary = float(critical) * 1.001 / 3.0
     falls = bisect(lambda c: bool(respond(c, boundary).overturned), 0.5, 1.0)
     assert_not_across(falls, "restitution", factor=boundary)
+
+
+@pytest.mark.float64
+@pytest.mark.thorough
+def test_a_grazing_impact_is_not_crossed():
+    """A second pulse catches the block just before it lands, or just after."""
+    time = np.arange(0.0, 1.0, 0.01)
+    first = np.where(time < 0.3, 3.0 * np.sin(np.pi * time / 0.3), 0.0)
+    push = np.where(
+        (time > 0.35) & (time < 0.85), 3.0 * np.sin(2 * np.pi * (time - 0.35)), 0.0
+    )
+    motion = jr.Record(first + push, 0.01)
+
+    def lands(factor):
+        response = jr.respond(BLOCK, 0.9, motion.scaled(factor), 2.0, rtol=1e-11, atol=1e-15)
+        return float(response.impact_times[0]) < float(response.peak_time)
+
+    grazing = bisect(lands, 1.0, 1.05)
+    assert lands(grazing - 1e-6)
+    assert_not_across(grazing, "factor", motion)
 
 
 @pytest.mark.float64

@@ -228,7 +228,7 @@ def test_errors_of_sobol_indices_are_those_of_repetitions(name):
 def direct_shares(block, c, record, variations, count, seed, ratio=0.5):
     """By random numbers of another generator, and distributions of SciPy."""
     rng = np.random.default_rng(seed)
-    medians = {"width": 2 * block.half_width, "height": 2 * block.half_height, "scale": 1.0}
+    medians = {"width": 2 * block.half_width, "height": 2 * block.half_height, "factor": 1.0}
     values = {name: np.full(count, float(value)) for name, value in medians.items()}
     values["restitution"] = np.full(count, c)
     for name, variation in variations.items():
@@ -239,7 +239,7 @@ def direct_shares(block, c, record, variations, count, seed, ratio=0.5):
             values[name] *= np.exp(np.sqrt(np.log(1 + variation**2)) * z)
     blocks = jr.Block.from_size(width=values["width"], height=values["height"])
     found = jr.respond_batch(
-        blocks, values["restitution"], record.scaled(values["scale"]), record.end + 10
+        blocks, values["restitution"], record.scaled(values["factor"]), record.end + 10
     )
     fell = np.asarray(found.overturned)
     large = np.asarray(found.peak_rotation) > ratio * np.asarray(blocks.critical_angle)
@@ -281,7 +281,7 @@ def check_against_direct_sampling(block, c, record, variations, count, seed, sam
 @float64
 def test_shares_in_a_chaotic_window_against_direct_sampling():
     record = jr.example_record().scaled(2.0)
-    variations = {"width": 0.02, "restitution": 0.05, "scale": 0.1}
+    variations = {"width": 0.02, "restitution": 0.05, "factor": 0.1}
     share, _ = check_against_direct_sampling(
         BLOCK, 0.8, record, variations, 2048, seed=1, samples=512
     )
@@ -292,7 +292,7 @@ def test_shares_in_a_chaotic_window_against_direct_sampling():
 @float64
 def test_a_suite_is_its_records():
     records = [jr.example_record().scaled(factor) for factor in (0.5, 2.0)]
-    coefficients = {"half_width": 0.05, "gravity": 0.01, "scale": 0.1}
+    coefficients = {"half_width": 0.05, "gravity": 0.01, "factor": 0.1}
     uncertain = jr.Uncertain(coefficients, samples=256)
 
     def compute(motion):
@@ -302,7 +302,7 @@ def test_a_suite_is_its_records():
     each = [compute(record) for record in records]
     np.testing.assert_array_equal(both.by_record, [one.probability for one in each])
     np.testing.assert_array_equal(both.peak, [one.peak[0] for one in each])
-    assert both.sources == ("half_width", "gravity", "scale", "record")
+    assert both.sources == ("half_width", "gravity", "factor", "record")
     assert both.high[2] - both.low[2] > 0.5  # of two records
     assert "half-width at this slenderness" in str(both)
     assert both.answers == ("peak", "rocks", "exceeds 0.3", "overturns")
@@ -312,7 +312,7 @@ def test_a_suite_is_its_records():
 @float64
 def test_pulses_and_noise():
     pulse = jr.HalfSine(3.5, 0.5)
-    coefficients = {"duration": 0.1, "restitution": 0.05, "scale": 0.1}
+    coefficients = {"duration": 0.1, "restitution": 0.05, "factor": 0.1}
     uncertain = jr.Uncertain(coefficients, samples=512)
     found = jr.sensitivity.outcome_probabilities(BLOCK, 0.8, pulse, uncertain)
     # It overturns without an impact, or not at all: the restitution decides nothing.
@@ -324,7 +324,7 @@ def test_pulses_and_noise():
     assert np.isnan(rare.first[3]).all()
     assert str(rare).endswith("overturns: too few samples differ for indices and derivatives")
     values = found.inputs
-    pulses = jr.HalfSine(3.5 * values["scale"], values["duration"])
+    pulses = jr.HalfSine(3.5 * values["factor"], values["duration"])
     response = jr.respond_batch(BLOCK, values["restitution"], pulses, pulses.end + 10)
     assert found.probability[2] == np.asarray(response.overturned).mean()
     # The rotation is highest after the end of the pulse.
@@ -347,7 +347,7 @@ def test_the_command_gives_probabilities_where_derivatives_say_nothing(capsys, t
     assert "nearer than the uncertainty (5 %)" in found["reason"]
     assert found["probabilities"][2]["probability"] == pytest.approx(0.517, abs=0.06)
     rows = {row["quantity"]: row for row in found["rows"]}
-    assert set(rows) == {"width", "height", "restitution", "scale"}
+    assert set(rows) == {"width", "height", "restitution", "factor"}
     assert {row["derivative"] for row in rows.values()} == {None}
     assert rows["width"]["at_low"] is rows["width"]["at_high"] is None
     lines = (tmp_path / "probabilities.csv").read_text(encoding="utf-8").splitlines()
@@ -404,7 +404,7 @@ def test_a_tornado_without_bars_is_a_sentence(answer, sentence):
     same = np.full(2, answer)
     low, high, unknown = (np.full(2, value) for value in (1.0, 2.0, np.nan))
     bars = jr.sensitivity.TornadoBars(
-        ("restitution", "scale"), low, high, same, same, unknown, unknown, answer
+        ("restitution", "factor"), low, high, same, same, unknown, unknown, answer
     )
     assert str(bars) == sentence
     ax = plot_tornado(bars)

@@ -17,6 +17,8 @@ from .answers import Answer, list_rows
 from .motion_options import MOTION, MotionOptions
 from .options import BlockOptions, Count, FileOutput, ModelName, refuse
 
+_TOLERANCE = 1e-6  # of derivatives
+
 
 def sensitivity(
     *,
@@ -138,19 +140,18 @@ def driven_sensitivity(  # noqa: PLR0913
         fema-far-field. Give this, a record or a pulse.
     """
     block, c = block_options.block, block_options.coefficient
-    # Only a positive factor can be uncertain: a reversed motion has the sign itself.
-    scale, sign = abs(motion_options.factor), math.copysign(1.0, motion_options.factor)
-    at = _list_parameters(block_options) | {"scale": scale}
+    at = _list_parameters(block_options)
     if records is not None:
         alone = ("record", "pulse", "amplitude", "pulse_duration", "column", "vertical")
         refuse("with --records", **{name: getattr(motion_options, name) for name in alone})
         suite = motion_options.read_records(records)
-        motion = (suite.both_directions() if block.one_sided else suite).scaled(sign)
-    elif motion_options.pulse is None:
-        motion = motion_options.read_unscaled().scaled(sign)
+        suite = suite.both_directions() if block.one_sided else suite
+        motion = suite.scaled(motion_options.factor)
     else:
-        motion, scale = motion_options.read(), 1.0
-        at.pop("scale")
+        motion = motion_options.read()
+    if motion_options.pulse is None:
+        at["factor"] = 1.0
+    else:
         at |= {name: float(getattr(motion, name)) for name in ("amplitude", "duration")}
     coefficients = dict.fromkeys(at, coefficient_of_variation)
     uncertain = Uncertain(coefficients, samples=samples, seed=seed)
@@ -160,7 +161,7 @@ def driven_sensitivity(  # noqa: PLR0913
         from ..plot import plot_tornado
 
         outcomes = dependence.outcome_probabilities(
-            block, c, motion.scaled(scale), uncertain, ratio=ratio, model=model
+            block, c, motion, uncertain, ratio=ratio, model=model
         )
         columns = outcomes.table_of_sources()
         source = getattr(motion, "source", "")
@@ -168,16 +169,21 @@ def driven_sensitivity(  # noqa: PLR0913
         texts = [head, outcomes]
         data: dict[str, object] = {"model": model, "record_source": source}
         if not isinstance(motion, Suite):
-            asked = {"answer": answer.replace("-", "_"), "scale": scale, "model": model}
-            local = dependence.differentiate_driven(block, c, motion, at, **asked)
-            bars = dependence.driven_tornado(block, c, motion, _make_ranges(at), **asked)
-            columns |= dependence.list_derivatives(local) | bars.table(list(at))
+            name = answer.replace("-", "_")
+            duration = dependence.choose_duration(motion, name)
+            local = dependence.derivatives_within(
+                block, c, motion, _TOLERANCE, duration, of=name, by=tuple(at), model=model
+            )
+            bars = dependence.driven_tornado(
+                block, c, motion, _make_ranges(at), answer=name, model=model
+            )
+            columns |= local.table() | bars.table(list(at))
             texts += ["", f"{answer} {bars}"]
             texts += [
                 _describe(local, row, coefficient_of_variation) for row in list_rows(columns)
             ]
             data |= {"answer": answer, "value": bars.value}
-            label = write_label(asked["answer"])
+            label = write_label(name)
             files.save_picture("tornado.png", plot_tornado(bars, label=label))
         files.write_csv("sensitivity.csv", columns, block=block_options.text)
         files.write_csv("probabilities.csv", outcomes.table(), block=block_options.text)

@@ -3,9 +3,8 @@
 from .array_slopes import value_and_slopes
 from .derivatives import Derivatives, derivatives_within
 from .distributions import draw_normal_numbers as draw_normal_numbers
-from .driven_tornado import differentiate_driven as differentiate_driven
+from .driven_answer import choose_duration as choose_duration
 from .driven_tornado import driven_tornado
-from .driven_tornado import list_derivatives as list_derivatives
 from .measures import Sensitivities, TornadoBars, sensitivities, tornado
 from .moments import MomentEstimate, propagate
 from .outcome_probabilities import OutcomeProbabilities, outcome_probabilities

@@ -1,10 +1,12 @@
-"""How accurate a derivative of a closed form is, and how far from its point the answer goes on."""
+"""Derivatives of closed forms: how accurate they are, and how far the answer goes on."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from .distributions import is_between_0_and_1
+from .parameters import Answer, Parameters, evaluate_answer
 
 # Units of rounding, of each parameter and of the derivative. Against mpmath, 2 and 6 bound the
 # errors of all answers of a scene up to 1e-14 of the overturning threshold, 2 and 9 also those of
@@ -15,6 +17,41 @@ _UNITS_OF_DERIVATIVE = 10
 # A small C is far from its end at 1.
 _DISTANCES = np.array([0.0, *2.0 ** np.arange(-5, 3), *2.0 ** np.arange(4, 60, 7)])
 _ROUNDS = 16  # 18^15 is more than all floats of the first interval
+
+
+class ClosedFormDerivatives(NamedTuple):
+    """Derivatives of answers y of a closed form with respect to its parameters x.
+
+    Attributes
+    ----------
+    value, gradient, hessian : ndarray, shape (...), (..., names), (..., names, names)
+        y with its derivatives; these are NaN where y is not finite.
+    error, below, above : ndarray, shape (..., names)
+        As `estimate_rounding` and `find_finite_ranges` give them.
+    """
+
+    value: np.ndarray
+    gradient: np.ndarray
+    hessian: np.ndarray
+    error: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
+
+
+def differentiate_closed_form(
+    answer: Answer, parameters: Parameters, names: Sequence[str], at: np.ndarray
+) -> ClosedFormDerivatives:
+    """Differentiate an answer at points of shape (..., names)."""
+    value, gradient, hessian = evaluate_answer(answer, parameters, names, at, 2)
+    # Automatic derivatives are 0 where there is no answer, as if nothing had influence.
+    unknown = ~np.isfinite(value)[..., None]
+    gradient = np.where(unknown, np.nan, gradient)
+    hessian = np.where(unknown[..., None], np.nan, hessian)
+    error = estimate_rounding(names, at, gradient, hessian)
+    ranges = find_finite_ranges(
+        lambda points: evaluate_answer(answer, parameters, names, points)[0], at
+    )
+    return ClosedFormDerivatives(value, gradient, hessian, error, *ranges)
 
 
 def estimate_rounding(
@@ -80,8 +117,7 @@ def find_finite_ranges(
     values = near + size * directions * _DISTANCES
     for _ in range(_ROUNDS):
         points = np.where(is_varied, values[..., None], at[..., None, None, None, :])
-        answers = evaluate(points.reshape(*at.shape[:-1], -1, at.shape[-1]))
-        is_finite = np.isfinite(answers).reshape(values.shape)
+        is_finite = np.isfinite(evaluate(points))
         # As many as are finite before the first that is not.
         count = np.cumprod(is_finite, axis=-1).sum(axis=-1, keepdims=True)
         edges = np.concatenate([near, values, far], axis=-1)

@@ -25,9 +25,9 @@ from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
 from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, Scene, as_model
 from ..validation import POSITIVE, Number, Reals, as_name, as_real, check, check_concrete
-from .derivative_validity import estimate_rounding, find_finite_ranges
+from .derivative_validity import differentiate_closed_form
 from .driven_answer import change_motion, name_fields
-from .parameters import Parameters, describe_parameter, evaluate_answer, name_parameters
+from .parameters import Parameters, describe_parameter, name_parameters
 
 # The answers as `Batch` numbers them.
 _CODES = {"peak_rotation": 0, "rotation_ratio": 1, "margin": 2}
@@ -44,17 +44,15 @@ _BY = "restitution", "half_width", "slenderness"
 # distance to a coincidence, which is known to first order; where a simulation there shows that it
 # has been passed, the distance is reduced by this factor, so many times.
 _FARTHEST = 0.2
-_NEARER = 0.9
-_REDUCTION = 0.3
-_ROUNDS = 8
+_NEARER = 0.75
+_REDUCTION = 0.15
+_ROUNDS = 5
 # Of a parameter, in eps: a range that is shorter is none.
 _ROUNDING = 64
 # What a parabola through both ends of a range may leave unexplained, over what it explains.
 _UNEXPLAINED = 0.1
-# What gaps and sums over impacts may differ from their tangents, over themselves, and the gap
-# that is so wide, over the peak, that sums do not matter.
-_UNSTEADY = 0.3
-_WIDE = 0.5
+# What gaps and sums over impacts may differ from their tangents, over themselves.
+_UNSTEADY = 0.12
 # Why a range ends where it does.
 REASONS = (
     "as far as examined",
@@ -146,6 +144,20 @@ class Derivatives(Printed, eqx.Module):
                 text += f"; {side}, {REASONS[reason]}"
         return text
 
+    def table(self) -> dict[str, list[float]]:
+        """List values, derivatives with errors, elasticities and ranges of one block.
+
+        Returns
+        -------
+        dict of list
+            A row for each parameter.
+        """
+        slopes = self.derivative
+        elasticity = {name: slopes[name] * x / self.value for name, x in self.at.items()}
+        columns = {"value": self.at, "derivative": slopes, "error": self.error}
+        columns |= {"elasticity": elasticity, "below": self.below, "above": self.above}
+        return {head: [*map(float, part.values())] for head, part in columns.items()}
+
     def __str__(self) -> str:
         if np.ndim(self.value):
             certified = {k: float(np.mean(v)) for k, v in self.within_tolerance.items()}
@@ -220,7 +232,7 @@ def derivatives_within(
     or the outcome change, where the answer departs from a parabola by a tenth, or at 20 % of
     the parameter, beyond which nothing is examined. To first order the margin of each event
     (squared velocity of an impact, height of a low point, gap to each other top, margin of
-    overturning) says how far away the nearest coincidence is. A simulation at 0.9 of that
+    overturning) says how far away the nearest coincidence is. A simulation at 3/4 of that
     distance checks it, and the distance is reduced until one confirms it. Between the ends
     a narrow interval may not be detected, in which another bounce is the highest.
 
@@ -234,7 +246,7 @@ def derivatives_within(
     >>> print(found.explain("restitution").partition(", for")[0])
     d(peak rotation)/dC = 0.1005515539 +- 4e-10
     >>> print(f"for C from {found.below['restitution']:.2f} to {found.above['restitution']:.2f}")
-    for C from 0.85 to 0.99
+    for C from 0.87 to 0.99
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if callable(of):
@@ -278,24 +290,16 @@ def _differentiate_closed_form(
     parameters = name_parameters(scene, names, "by")
     listed = parameters.names
     at = np.stack([np.broadcast_to(value, shape) for value in parameters.values], -1)
-    given = {} if model is None else {"model": model}
-    answer = eqx.Partial(function, **given)
-
-    def evaluate(points: np.ndarray, order: int = 0) -> list[np.ndarray]:
-        flat = points.reshape(-1, len(listed))
-        parts = evaluate_answer(answer, parameters, listed, flat, order)
-        return [part.reshape((*points.shape[:-1], *part.shape[1:])) for part in parts]
-
-    value, gradient, hessian = evaluate(at, 2)
-    gradient = np.where(np.isnan(value)[..., None], np.nan, gradient)
-    error = estimate_rounding(listed, at, gradient, hessian)
-    ranges = find_finite_ranges(lambda points: evaluate(points)[0], at)
-    limited = [np.isinf(end) | ((end == k) & (k == 0)) for k, end in enumerate(ranges)]
+    answer = eqx.Partial(function, **({} if model is None else {"model": model}))
+    found = differentiate_closed_form(answer, parameters, listed, at)
+    limits = found.below, found.above
+    limited = [np.isinf(end) | ((end == k) & (k == 0)) for k, end in enumerate(limits)]
     reasons = [np.where(part, _EXAMINED, _OVERTURNS) for part in limited]
     kept = [listed.index(name) for name in names]
-    columns = [column[..., kept] for column in (at, gradient, error, *ranges, *reasons)]
+    columns = (at, found.gradient, found.error, *limits, *reasons)
+    columns = [column[..., kept] for column in columns]
     name = getattr(function, "__name__", "answer")
-    return _make_derivatives(name, names, tolerance, None, value, columns)
+    return _make_derivatives(name, names, tolerance, None, found.value, columns)
 
 
 def _make_derivatives(
@@ -398,7 +402,8 @@ class _Scenes(NamedTuple):
         limits = np.full_like(farthest, np.inf)
         if "restitution" in self.names:
             k = self.names.index("restitution")
-            limits[..., k] = _NEARER * np.stack([c := np.abs(at[..., k]), 1 - c])
+            # A restitution stays between its limits 0 and 1.
+            limits[..., k] = 0.9 * np.stack([c := np.abs(at[..., k]), 1 - c])
         candidates = np.stack([farthest, limits, *coincidences])
         reasons = np.argmin(candidates, axis=0)
         unknown = np.isnan(answer.value)[..., None]
@@ -407,8 +412,8 @@ class _Scenes(NamedTuple):
         distances = np.where(unknown, np.nan, np.where(distances > least, distances, 0))
         bends = np.full_like(distances, np.nan)
         valid = np.zeros(distances.shape, bool)
-        rtol = float(response.rtol.min())
         allowed = tolerance * find_slope_scale(answer, slopes, at)
+        rtol = np.asarray(response.rtol)
         for _ in range(_ROUNDS):
             pending = ~valid & (distances > 0)
             if not pending.any():
@@ -422,7 +427,7 @@ class _Scenes(NamedTuple):
         return np.where(valid | unknown, distances, 0), reasons
 
     def _simulate_limits(
-        self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: float
+        self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: np.ndarray
     ) -> SimulatedAnswer:
         """Simulate the limits of ranges that are pending, in the order of `np.nonzero`."""
         count = len(self.names)
@@ -440,19 +445,14 @@ class _Scenes(NamedTuple):
         numbers = [take(value) for value in self.parameters.values]
         scene = replace(self.parameters, values=numbers).build(changes)
         part = self.batch.select(block)
+        motion = part.ground
         if isinstance(self.motion, Pulse | Harmonic):
             motion = change_motion(jax.tree.map(take, self.motion), scene)
-            until = None if self.duration is None else part.until
-            made = Batch.of(scene["block"], scene["restitution"], motion, until)
-            part = replace(part, ground=made.ground, until=made.until)
-        part = replace(part, block=scene["block"], restitution=scene["restitution"])
-        part = part.scaled(scene["factor"])
-        control = Batch.of(
-            scene["block"], scene["restitution"], Record([0.0, 0.0], 1.0), rtol=rtol
-        )
-        part = replace(part, control=control.control)
-        part = jax.tree.map(lambda leaf: np.asarray(leaf, leaf.dtype), part)
-        return cast("SimulatedAnswer", simulate_batch(part, self.model).answer)
+        until = None if self.duration is None else part.until
+        levels = np.broadcast_to(rtol, shape).flat[block]
+        moved = Batch.of(scene["block"], scene["restitution"], motion, until, rtol=levels)
+        moved = replace(moved.scaled(scene["factor"]), answer=part.answer)
+        return cast("SimulatedAnswer", simulate_batch(moved, self.model).answer)
 
 
 def _check_limits(
@@ -490,11 +490,11 @@ def _check_limits(
     other_events = matters & (moved.events.sequence != here.events.sequence)
     largest_delay = 2 * np.abs(linear.events.lifted) + rounding * (1 + here.events.lifted)
     other_time = matters & (excess.events.lifted > largest_delay)
-    # What does not change to first order may change more between both: the gap to the second
-    # highest top, and where this gap is not wide all motion.
+    # What departs from its tangent may depart further between both: the gap to the second
+    # highest top, and all motion by its sum over impacts.
     unsteady = excess.gap > _UNSTEADY * here.gap
-    wild = excess.impact_sum > _UNSTEADY * np.abs(linear.impact_sum) + 1e-3 * here.impact_sum
-    unsteady |= wild & (np.minimum(here.gap, moved.gap) < _WIDE)
+    allowed_sum = _UNSTEADY * np.abs(linear.impact_sum) + 1e-3 * here.impact_sum
+    unsteady |= excess.impact_sum > allowed_sum
 
     bend = (moved.value - here.value - linear.value) / distance**2
     bends[pending] = np.where(other_events | other_time, np.nan, bend)

@@ -10,16 +10,16 @@ import numpy as np
 from ..block import Block
 from ..driven import check_batch
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
-from ..validation import POSITIVE, Number, as_field, as_real, check
+from ..validation import Number, as_field
 
 # The highest rotation may come after the end of the ground motion [s].
 BEYOND = 10.0
 
 
 def gather_parameters(
-    block: Block, restitution: Number, motion: Motion | Suite, scale: Number
+    block: Block, restitution: Number, motion: Motion | Suite
 ) -> dict[str, Any]:
-    """Gather what may vary; `scale` is a factor on any motion, besides its own numbers.
+    """Gather what may vary; a factor on any motion is among it, besides its own numbers.
 
     Raises
     ------
@@ -27,9 +27,8 @@ def gather_parameters(
         If an argument is out of range or not single.
     """
     restitution, _ = check_batch(block, restitution, motion, None)
-    check("scale", as_real("scale", scale), POSITIVE)
     at = {name: getattr(motion, name) for name in name_fields(motion)}
-    at |= {"block": block, "restitution": restitution, "scale": scale}
+    at |= {"block": block, "restitution": restitution, "factor": 1.0}
     if any(np.ndim(leaf) for leaf in jax.tree.leaves(at)):
         raise ValueError("block, restitution and motion must be single, got arrays")
     return at
@@ -48,3 +47,8 @@ def name_fields(motion: Motion | Suite) -> tuple[str, ...]:
     if isinstance(motion, Pulse):
         return ("amplitude", "duration")
     return ("amplitude", "frequency") if isinstance(motion, Harmonic) else ()
+
+
+def choose_duration(motion: Motion, answer: str) -> Number | None:
+    """Choose how long to simulate: the margin is known at the end of the motion, by energy."""
+    return None if answer == "margin" else motion.end + BEYOND

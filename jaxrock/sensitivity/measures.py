@@ -9,7 +9,7 @@ import numpy as np
 from ..host import Printed, Shown, format_table
 from ..tables import UNITS
 from ..validation import as_real, describe
-from .derivative_validity import estimate_rounding, find_finite_ranges
+from .derivative_validity import differentiate_closed_form, find_finite_ranges
 from .parameters import Answer, describe_parameter, evaluate_answer, name_single_parameters
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -113,19 +113,14 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     parameters = name_single_parameters(answer, at, None, "", by="sides" if sides else "shape")
     names = parameters.names
     x = parameters.get_values(names)
-    y, gradient, hessian = evaluate_answer(answer, parameters, names, x, 2)
-    if not np.isfinite(y):
-        # Automatic derivatives are 0 there, as if nothing had influence.
-        gradient, hessian = gradient * np.nan, hessian * np.nan
+    found = differentiate_closed_form(answer, parameters, names, x)
     # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
     # warning.
     with np.errstate(divide="ignore", invalid="ignore"):
-        elasticity = gradient * x.astype(gradient.dtype) / y
-    error = estimate_rounding(names, x, gradient, hessian)
-    limits = find_finite_ranges(
-        lambda points: evaluate_answer(answer, parameters, names, points)[0], x
+        elasticity = found.gradient * x.astype(found.gradient.dtype) / found.value
+    return Sensitivities(
+        names, x, elasticity=elasticity, **found._replace(value=float(found.value))._asdict()
     )
-    return Sensitivities(names, x, float(y), gradient, elasticity, hessian, error, *limits)
 
 
 def format_ranges(below: np.ndarray, above: np.ndarray) -> list[str]:

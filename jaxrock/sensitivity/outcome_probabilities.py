@@ -213,7 +213,7 @@ def outcome_probabilities(
         With a suite, probabilities are averaged over samples and records. Confidence
         intervals treat the records as the independent units, not the samples.
     uncertain : Uncertain
-        Names may be parameters of the block (see `Uncertain`) and ``restitution``; ``scale``,
+        Names may be parameters of the block (see `Uncertain`) and ``restitution``; ``factor``,
         a factor on the motion with the median 1; ``amplitude`` and ``duration`` of a pulse;
         ``amplitude`` and ``frequency`` of a `Harmonic`. At least one is needed, each with one
         coefficient of variation greater than 0, without correlations. Under one motion 4,096
@@ -251,7 +251,7 @@ def outcome_probabilities(
     --------
     >>> import jaxrock as jr
     >>> record, block = jr.example_record().scaled(2.0), jr.Block.from_size(width=0.2, height=0.8)
-    >>> coefficients = {"width": 0.02, "restitution": 0.05, "scale": 0.1}
+    >>> coefficients = {"width": 0.02, "restitution": 0.05, "factor": 0.1}
     >>> uncertain = jr.Uncertain(coefficients, samples=4096)
     >>> result = jr.sensitivity.outcome_probabilities(block, 0.8, record, uncertain)
     >>> print(result.outcomes[2], f"{result.probability[2]:.2f}")
@@ -269,7 +269,7 @@ def outcome_probabilities(
             f" {len(names)} and {len(uncertain.correlated_pairs)} of them: Sobol indices are those"
             " of independent parameters"
         )
-    at = gather_parameters(block, restitution, motion, 1.0)
+    at = gather_parameters(block, restitution, motion)
     parameters = name_parameters(at, names, ARGUMENT)
     values = parameters.get_values(names)
     samples = uncertain.samples
@@ -342,11 +342,11 @@ def _simulate_samples(
     # Drawn in float64, simulated in the precision that JAX has been set to.
     blocks = jax.device_put(at["block"])
     critical_angle = np.asarray(blocks.critical_angle)
-    restitution, scale = (as_real(name, at[name]) for name in ("restitution", "scale"))
+    restitution, factor = (as_real(name, at[name]) for name in ("restitution", "factor"))
     answers = []
     # One by one: the samples fill the queue, and all records together need not fit into memory.
     for part in list(motion) if isinstance(motion, Suite) else [change_motion(motion, at)]:
-        batch = Batch.of(blocks, restitution, part).scaled(np.asarray(scale))
+        batch = Batch.of(blocks, restitution, part).scaled(np.asarray(factor))
         response = follow_batch(replace(batch, until=batch.until + BEYOND), model)
         require_complete(response.complete, sample=None)
         rotation = np.asarray(response.peak_rotation) / critical_angle

@@ -174,16 +174,17 @@ def evaluate_answer(
     answer, parameters : callable, Parameters
     names : sequence of str
         The parameters that vary.
-    points : ndarray, shape (names,) or (points, names)
-        Their values, at one point or at many.
+    points : ndarray, shape (..., names)
+        Their values.
     order : {0, 1, 2}
 
     Returns
     -------
-    list of ndarray, shape (points,), (points, names), (points, names, names)
+    list of ndarray, shape (...), (..., names), (..., names, names)
     """
-    parts = _evaluate(answer, parameters, tuple(names), points, order)
-    return [np.asarray(part) for part in parts]
+    flat = points.reshape(-1, len(names))
+    parts = _evaluate(answer, parameters, tuple(names), flat, order)
+    return [np.asarray(part).reshape(points.shape[:-1] + part.shape[1:]) for part in parts]
 
 
 @eqx.filter_jit
@@ -208,13 +209,10 @@ def _evaluate(
     gradient = jax.jacfwd(compute)
     functions = (compute, gradient, jax.jacfwd(gradient))[: order + 1]
 
-    def evaluate_at(point: Array) -> list[Array]:
-        return [function(point) for function in functions]
-
-    return jax.vmap(evaluate_at)(points) if points.ndim > 1 else evaluate_at(points)
+    return jax.vmap(lambda point: [function(point) for function in functions])(points)
 
 
 def describe_parameter(name: str) -> str:
     """Write a parameter in words, a size with what stays as it is where it is changed."""
-    words = {**SIZES_IN_WORDS, "scale": "factor on the motion"}
+    words = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
     return words.get(name, name.replace("_", " "))

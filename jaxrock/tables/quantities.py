@@ -51,7 +51,6 @@ QUANTITIES = {
     "frequency": Quantity("frequency of the floor", "", "rad s-1", POSITIVE),
     "frequency_ratio": Quantity("frequency of the pulse over p", domain=POSITIVE),
     "factor": Quantity("factor on the motion"),
-    "scale": Quantity("factor on the motion"),
     "object": Quantity("index of the object", domain=NON_NEGATIVE),
     "record": Quantity("index of the record", domain=NON_NEGATIVE),
     "sample": Quantity("index of the sample of uncertain parameters", domain=NON_NEGATIVE),

@@ -23,10 +23,12 @@ _FRACTION_OF_TIGHT = 0.02
 _TIGHT = 1e-10
 
 
-def choose_step_tolerance(rtol: float, dtype: np.dtype, factor: float = 1.0) -> float:
+def choose_step_tolerance(
+    rtol: float | HostNumbers, dtype: np.dtype, factor: float = 1.0
+) -> HostNumbers:
     """Choose the tolerance of a step, or a factor times it, within what rounding allows."""
-    fraction = _FRACTION if rtol >= _TIGHT else _FRACTION_OF_TIGHT
-    return max(fraction * factor * rtol, float(jnp.finfo(dtype).eps))
+    fraction = np.where(np.asarray(rtol) >= _TIGHT, _FRACTION, _FRACTION_OF_TIGHT)
+    return np.maximum(fraction * factor * rtol, np.finfo(dtype).eps).astype(dtype)
 
 
 class Batch(eqx.Module):
@@ -70,7 +72,7 @@ class Batch(eqx.Module):
         *,
         rotation: Number | None = None,
         velocity: Number | None = None,
-        rtol: float | None = None,
+        rtol: float | HostNumbers | None = None,
     ) -> "Batch":
         """Make the batch, to be simulated to the end of the motion or for a duration.
 

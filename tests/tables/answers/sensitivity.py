@@ -85,8 +85,12 @@ def vary_driven_parameters():
             block, 0.85, jr.Sine(3.0, 0.5), ranges, answer=answer
         )
         yield from list_fields(bars, OF_BARS, f"{answer}/")
-    ranges = {"restitution": (0.6, 0.7), "scale": (0.8, 1.2), "slenderness": (4.5, 5.5)}
-    bars = jr.sensitivity.driven_tornado(block, 0.7, record(), ranges, scale=1.1)
+    ranges = {
+        "restitution": (0.6, 0.7),
+        "factor": (0.8 / 1.1, 1.2 / 1.1),
+        "slenderness": (4.5, 5.5),
+    }
+    bars = jr.sensitivity.driven_tornado(block, 0.7, record().scaled(1.1), ranges)
     yield from list_fields(bars, OF_BARS, "record/")
 
 
@@ -97,7 +101,7 @@ def count_outcomes():
         " sources first total first_error total_error by_median by_median_error"
         " by_coefficient_of_variation by_coefficient_of_variation_error"
     )
-    coefficients = {"width": 0.1, "restitution": 0.05, "scale": 0.4}
+    coefficients = {"width": 0.1, "restitution": 0.05, "factor": 0.4}
     uncertain = jr.Uncertain(coefficients, samples=64)
     block = jr.Block.from_size(width=0.2, height=0.8)
     found = jr.sensitivity.outcome_probabilities(block, 0.7, suite(), uncertain)
