@@ -64,22 +64,26 @@ html_theme_options = {
 
 
 class CommandHelp(Directive):
-    """What ``jaxrock COMMAND --help`` prints."""
+    """A section for each command: what ``jaxrock COMMAND --help`` prints."""
 
-    required_arguments = 1
     has_content: ClassVar[bool] = False
+    optional_arguments = 99
 
     def run(self):
-        """Make a block of text."""
+        """Make the sections."""
+        return [self._show(command) for command in self.arguments]
+
+    def _show(self, command):
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
-            main([self.arguments[0], "--help"])
+            main([command, "--help"])
         text = printed.getvalue().strip()
         if "Usage" not in text:
-            raise self.error(f"{self.arguments[0]} has no help")
-        block = nodes.literal_block(text, text)
-        block["language"] = "text"
-        return [block]
+            raise self.error(f"{command} has no help")
+        section = nodes.section(ids=[f"help-{command}"])
+        section += nodes.title("", command)
+        section += nodes.literal_block(text, text, language="text")
+        return section
 
 
 class PublicNames(Directive):
