@@ -95,6 +95,17 @@ def record(horizontal, vertical, step, scale=1.0):
     return Ground(np.broadcast_to(edges, (scale.size, edges.size)), value)
 
 
+def harmonic(amplitude, frequency, cycles):
+    """Sines of so many periods, from time 0 on."""
+    turns = np.r_[0, np.arange(2 * cycles) / 2 + 0.25, cycles] * 2 * np.pi
+
+    def value(motion, piece, time):
+        there = amplitude[motion] * np.sin(turns[piece] + frequency[motion] * time)
+        return there, np.zeros_like(there)
+
+    return Ground(turns / frequency[:, None], value)
+
+
 def within(ground, start, duration):
     """The motions from `start` on, as far as they are followed, and how long after their end."""
     start = np.asarray(start, float)[:, None]
@@ -135,7 +146,7 @@ class Rocker:
 
     def of(self, which, size):
         """Some of the blocks, of which there are `size` in all."""
-        some = object.__new__(Rocker)
+        some = object.__new__(type(self))
         some.linearized = self.linearized
         some.one_sided = self.one_sided
         for name in ("angle", "radius", "p", "c", "gravity", "tangent"):
@@ -150,6 +161,10 @@ class Rocker:
         if self.linearized:
             return -(self.p**2) * (upright * q - sideways)
         return -(self.p**2) * (upright * np.sin(q) - sideways * np.cos(q))
+
+    def leave(self, velocity):
+        """Outward velocity after an impact at a velocity."""
+        return -self.c * velocity
 
     def excess(self, side, ground):
         """What the ground has to one side over what lifts the block."""
@@ -414,7 +429,7 @@ class _Motion:
             velocity = self.side[each] * self.v[each]
             self.impacts[each].append((begin + self.time[each], velocity))
             self.active[each] &= len(self.impacts[each]) != self.landings
-        speed = -some.c * self.v[k]
+        speed = some.leave(self.v[k])
         if not some.one_sided:
             self.side[k] = -self.side[k]
         onward = self.field(k)(self.time[k], np.zeros(k.size))
