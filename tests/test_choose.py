@@ -1,10 +1,9 @@
 """The promise of `choose`: what it picks keeps the tolerance, and cheaper would not do."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from tables.random_scenes import NUMBER, apart, computed, each, lasting_scenes, scenes
+from tables.random_scenes import NUMBER, apart, computed, lasting_scenes, scenes
 
 import jaxrock as jr
 from jaxrock.accuracy.cheapest_setting import CLOSED
@@ -66,24 +65,6 @@ def test_nothing_keeps_it():
     assert str(choice).startswith("nonlinear in float64: off by at most ")
 
 
-@pytest.mark.thorough
-def test_pulsed_keeps_what_is_predicted():
-    given = jax.tree.map(lambda leaf: jnp.minimum(leaf, 30.0), scenes(2, 8))
-    duration = 0.5 * given.intensity * given.block.slenderness / 9.81
-    choice = jr.accuracy.choose(given, 1e-7, jr.HalfSine, duration)
-    compared = 0
-    for k in range(8):
-        if choice.settings[int(choice.index[k])].level != "pulsed":
-            continue
-        scene = each(given, k)
-        pulse = jr.HalfSine(scene.intensity * np.pi / 2 / duration[k], duration[k])
-        usual = jr.steady.pulsed_phase(scene.block, scene.restitution, pulse)
-        strict = jr.steady.pulsed_phase(scene.block, scene.restitution, pulse, rtol=1e-12)
-        assert apart(usual.rotation_ratio, strict.rotation_ratio) <= choice.error[k]
-        compared += 1
-    assert compared > 3
-
-
 def one(tree, k):
     """The k-th scene of an array, whose record is the same for all."""
     return jax.tree.map(lambda leaf: leaf[k] if leaf.ndim and leaf.size < 1000 else leaf, tree)
@@ -135,13 +116,3 @@ def test_promise_of_the_tolerance(kind):
         assert (error <= np.minimum(tolerance, choice.error))[within].all()
         # What is asked for is enough for nearly all: few take more.
         assert np.mean(picked < max(rtol for rtol in levels if rtol <= tolerance)) <= 0.1
-
-
-@pytest.mark.thorough
-def test_a_single_driven_scene():
-    given = jr.Block(0.2, 5.0), 0.9, jr.Sine(3.0, 0.5)
-    choice = jr.accuracy.choose(given, 1e-3)
-    assert choice.setting.level == "batch"
-    truth = jr.respond(*given, rtol=1e-12)
-    found = jr.respond_batch(*given, rtol=choice.setting.rtol)
-    assert apart(found.peak_rotation, truth.peak_rotation) <= choice.error <= 1e-3

@@ -50,15 +50,6 @@ def test_agreement_to_the_digits_printed(quantity, at, printed, agrees):
     assert row["agrees"] == agrees
 
 
-def test_mismatches_are_named(report):
-    wrong = report.entries[0] | {"agrees": False}
-    healed = next(row for row in report.entries if row["fault"]) | {"agrees": True}
-    claim = report.claims[0] | {"verdict": "not confirmed"}
-    spoiled = paper.Report([wrong, healed], [claim], report.faults)
-    assert len(spoiled.summarize()["mismatches"]) == 3
-    assert "\nmismatch: Table I, peak rotation" in str(spoiled)
-
-
 @pytest.mark.parametrize(
     ("kind", "bounds", "confirmed"),
     [
@@ -107,13 +98,3 @@ def test_how_far_claims_hold(report):
         slenderness = limit + 0.1 ** (2 if limit < 10 else 1) * np.array([-0.51, 0.51])
         ratio = jr.rotation_ratio(scene_of(slenderness, width, 0.8))
         assert np.isnan(ratio).tolist() == [False, True]
-
-
-@pytest.mark.thorough
-def test_files(report, tmp_path):
-    paper.write(report, tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == set(paper.FILES)
-    text = (tmp_path / "report.md").read_text(encoding="utf-8")
-    assert all(name in text for name in paper.FILES[1:])
-    assert all(row["figure"] in text for row in (*report.claims, *report.faults))
-    assert len((tmp_path / "table_3.csv").read_text(encoding="utf-8").splitlines()) == 51

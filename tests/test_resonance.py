@@ -150,26 +150,3 @@ def test_without_pulses_nothing_moves(restitution):
         np.testing.assert_allclose(jr.amplification(one), expected, rtol=1e-6)
     else:
         assert jnp.isnan(jr.amplification(one))
-
-
-@pytest.mark.parametrize("model", MODELS, ids=repr)
-def test_sensitivities_have_the_shape_of_the_scene_and_the_known_signs(model):
-    slopes = jax.grad(jr.rotation_ratio)(scene(), model)
-    assert isinstance(slopes, jr.Scene)
-    assert slopes.restitution > 0
-    assert slopes.intensity > 0
-    assert slopes.block.slenderness > 0
-    assert slopes.block.half_width < 0
-    assert slopes.block.gravity < 0
-
-
-def test_scenes_that_overturn_do_not_spoil_the_derivatives_of_others():
-    def total(half_width):
-        return jnp.nansum(
-            jr.amplification(scene(jnp.asarray([0.6, 0.99, 1.0]), 0.15, half_width))
-        )
-
-    def alone(half_width):
-        return jr.amplification(scene(0.6, 0.15, half_width))
-
-    np.testing.assert_allclose(jax.grad(total)(0.4), jax.grad(alone)(0.4), rtol=1e-6)

@@ -48,26 +48,6 @@ def test_a_grid_is_its_scenes_one_by_one():
         np.testing.assert_allclose(point.critical_intensity, critical, rtol=1e-5)
 
 
-def test_gravity_reaches_the_scenes():
-    moon = jr.resonance_spectrum(**GRID, gravity=1.62)
-    scene = jr.Scene(jr.Block(0.2, 3.0, 1.62), 0.6, 0.15)
-    period = moon.stabilized_period[0, 0, 0]
-    np.testing.assert_allclose(period, jr.stabilized_period(scene), rtol=1e-5)
-    assert moon.attrs["gravity"] == 1.62
-
-
-def test_labels():
-    spectrum = jr.resonance_spectrum(**GRID)
-    assert spectrum.attrs["model"] == "linearized"
-    assert spectrum.attrs["gravity"] == 9.81
-    assert spectrum.attrs["source"].startswith("jaxrock 0.")
-    for variable in (*spectrum.variables.values(),):
-        assert variable.attrs["long_name"]
-    assert spectrum.stabilized_period.attrs["units"] == "s"
-    assert spectrum.width.attrs["units"] == "m"
-    assert spectrum.intensity.attrs["units"] == "m s-1"
-
-
 @pytest.mark.parametrize("intensity", [0.15, [0.1, 0.15]])
 @pytest.mark.parametrize("options", [{}, {"model": "auto"}])
 def test_files_follow_the_conventions(tmp_path, monkeypatch, intensity, options):
@@ -88,21 +68,6 @@ def test_files_follow_the_conventions(tmp_path, monkeypatch, intensity, options)
     up_and_down = GRID | {"width": [0.4, 1.2, 0.8]}  # which they do not allow
     assert "Conventions" not in jr.resonance_spectrum(**up_and_down).attrs
     assert "Conventions" in jr.resonance_spectrum(**GRID | {"width": [1.2, 0.8, 0.4]}).attrs
-
-
-def test_an_array_of_intensities_adds_a_dimension():
-    spectrum = jr.resonance_spectrum(**(GRID | {"intensity": [0.1, 0.15]}))
-    assert spectrum.stabilized_period.dims == (
-        "slenderness",
-        "width",
-        "restitution",
-        "intensity",
-    )
-    assert spectrum.critical_intensity.dims == ("slenderness", "width", "restitution")
-    alone = jr.resonance_spectrum(**GRID)
-    xarray.testing.assert_allclose(
-        spectrum.stabilized_period.sel(intensity=0.15), alone.stabilized_period, rtol=1e-5
-    )
 
 
 BY_AXIS = {  # each function of spectra with a value of each of its axes, and its picture
@@ -172,21 +137,6 @@ def test_parts_and_files_change_nothing(tmp_path, monkeypatch, largest):
     assert [entry.name for entry in path.parent.iterdir()] == ["spectrum.nc"]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("model", ["linearized", "nonlinear", "auto"])
-def test_a_point_is_the_same_whatever_is_beside_it(model):
-    grid = GRID | {"intensity": [0.1, 0.15], "model": model}
-    whole = jr.resonance_spectrum(**grid)
-    for at in ({"slenderness": [3], "restitution": [1]}, {"width": [2], "intensity": [1]}):
-        part = whole.isel(at)
-        axes = {
-            n: part[n].values for n in ("slenderness", "width", "restitution", "intensity")
-        }
-        alone = jr.resonance_spectrum(**grid | axes)
-        for name in whole:
-            assert alone[name].values.tobytes() == part[name].values.tobytes(), name
-
-
 def test_table(tmp_path, monkeypatch):
     spectrum = jr.resonance_spectrum(**GRID)
     jr.grids.write_table(spectrum, tmp_path / "spectrum.csv")
@@ -207,42 +157,6 @@ def test_table(tmp_path, monkeypatch):
         at = {name: float(row[f"{name} [{unit}]"]) for name, unit in heads.items()}
         value = float(spectrum.stabilized_period.sel(at, method="nearest"))
         np.testing.assert_allclose(float(row["stabilized_period [s]"]), value, rtol=1e-6)
-
-
-def test_nothing_is_left_of_a_spectrum_that_fails(tmp_path, monkeypatch):
-    def fail(*_, **__):
-        raise RuntimeError("broken")
-
-    monkeypatch.setattr("jaxrock.spectra.resonance._apply_to_scenes", fail)
-    with pytest.raises(RuntimeError, match="broken"):
-        jr.resonance_spectrum(**GRID, store=tmp_path / "deep" / "er" / "spectrum.nc")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("store", ["", "."])
-def test_a_path_that_is_a_folder(tmp_path, monkeypatch, store):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ValueError, match=r"store: '\.' is no file"):
-        jr.resonance_spectrum(**GRID, store=store)
-    with pytest.raises(ValueError, match=r"path: .* is no file"):
-        jr.grids.write_table(jr.resonance_spectrum(**GRID), tmp_path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_disk_that_fills_up(tmp_path, monkeypatch):
-    def full(*_, **__):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(spectra, "_apply_to_scenes", full)
-    with pytest.raises(ValueError, match=r"store: .* cannot be written to: No space left"):
-        jr.resonance_spectrum(**GRID, store=tmp_path / "new" / "spectrum.nc")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_path_that_cannot_be_written(tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(ValueError, match=r"store: the folder .*file.* cannot be written to"):
-        jr.resonance_spectrum(**GRID, store=tmp_path / "file" / "spectrum.nc")
 
 
 @pytest.mark.thorough

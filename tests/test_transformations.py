@@ -96,6 +96,11 @@ def phase_of(c):
     return jr.steady.pulsed_phase(jr.Block(0.2, 5.0), c, jr.HalfSine(6.0, 0.02))
 
 
+def verge_of(duration):
+    block = jr.Block(0.49841, 8.1018)
+    return jr.steady.critical_pulsed_amplitude(block, 0.6598, jr.HalfSine, duration).amplitude
+
+
 def harmonic(amplitude):
     return jr.steady.harmonic_orbit(
         BLOCK, 0.9, amplitude, 4.0, model="linearized"
@@ -105,33 +110,16 @@ def harmonic(amplitude):
 # Values of one quantity, one of which has no answer.
 PARTLY = {
     "rotation_ratio": over_intensities(jr.rotation_ratio),
-    "nonlinear rotation_ratio": over_intensities(
-        lambda s: jr.rotation_ratio(s, jr.Nonlinear())
-    ),
-    "stabilized_rotation": over_intensities(jr.stabilized_rotation),
-    "stabilized_period": over_intensities(jr.stabilized_period),
-    "nonlinear stabilized_period": over_intensities(
-        lambda s: jr.stabilized_period(s, jr.Nonlinear())
-    ),
-    "amplification": over_intensities(jr.amplification),
-    "overturning_half_cycle": over_intensities(jr.overturning_half_cycle),
     "critical_restitution": (
         lambda i: jr.resonance.critical_restitution(BLOCK, i),
         [0.3, 50.0, 0.4],
     ),
-    "hazard": (jr.risk.Hazard([0.1, 1.0], [1e-2, 1e-4]), [0.3, 5.0, 0.7]),
-    "pulsed_phase": (one_by_one(lambda c: phase_of(c).rotation_ratio), [0.5, 0.7, 0.9]),
-    "pulsed_phase period": (one_by_one(lambda c: phase_of(c).period), [0.5, 0.7, 0.9]),
-    "critical_pulsed_amplitude": (
-        one_by_one(
-            lambda d: (
-                jr.steady.critical_pulsed_amplitude(
-                    jr.Block(0.49841, 8.1018), 0.6598, jr.HalfSine, d
-                ).amplitude
-            )
-        ),
-        [0.05, 1.9552, 0.06],
+    "nonlinear stabilized_period": over_intensities(
+        lambda s: jr.stabilized_period(s, jr.Nonlinear())
     ),
+    "hazard": (jr.risk.Hazard([0.1, 1.0], [1e-2, 1e-4]), [0.3, 5.0, 0.7]),
+    "pulsed_phase": (one_by_one(lambda c: phase_of(c).period), [0.5, 0.7, 0.9]),
+    "critical_pulsed_amplitude": (one_by_one(verge_of), [0.05, 1.9552, 0.06]),
     "harmonic_orbit": (harmonic, [0.5, 500.0, 0.6]),
 }
 
