@@ -114,23 +114,24 @@ def test_no_impact_is_passed_over(half_width, slenderness, c, pulse, peak, rtol)
 
 
 @pytest.mark.float64
-def test_slopes_where_a_step_ends_at_a_corner():
+@pytest.mark.parametrize("kind", first_by_default(["record", "pulse"]))
+def test_slopes_where_a_step_ends_at_a_corner(kind):
     """The end of a pulse and the time step of a record move what the block has done by then."""
     samples = 3.0 * np.sin(np.linspace(0, 2 * np.pi, 60))
-    for motion, at in (
-        (lambda duration: jr.Sine(3.0, duration), 0.4),
-        (lambda step: jr.Record(samples, step), 0.01),
-    ):
+    make, at = {
+        "pulse": (lambda duration: jr.Sine(3.0, duration), 0.4),
+        "record": (lambda step: jr.Record(samples, step), 0.01),
+    }[kind]
 
-        def answers(x, motion=motion):
-            r = jr.respond_batch(jr.Block(0.2, 5.0), 0.85, motion(x), 1.5, rtol=1e-12)
-            return jnp.stack([r.peak_rotation, r.final_rotation, r.margin])
+    def answers(x):
+        r = jr.respond_batch(jr.Block(0.2, 5.0), 0.85, make(x), 1.5, rtol=1e-12)
+        return jnp.stack([r.peak_rotation, r.final_rotation, r.margin])
 
-        slopes = jax.jit(jax.jacfwd(answers))(at)
-        h = 1e-5 * at
-        differences = (answers(at + h) - answers(at - h)) / (2 * h)
-        assert (np.abs(differences) > 1e-3).all()
-        np.testing.assert_allclose(slopes, differences, rtol=1e-6)
+    slopes = jax.jit(jax.jacfwd(answers))(at)
+    h = 1e-5 * at
+    differences = (answers(at + h) - answers(at - h)) / (2 * h)
+    assert (np.abs(differences) > 1e-3).all()
+    np.testing.assert_allclose(slopes, differences, rtol=1e-6)
 
 
 def barely_lifted(shape):

@@ -46,14 +46,6 @@ BODIES = [VASE, COLUMN, HEAVY_FOOT]
 
 
 @pytest.mark.parametrize("body", BODIES)
-def test_moment_of_inertia_about_the_edge(body, eps):
-    about_edge = (body.mass * (body.from_edge() ** 2).sum(axis=0)).sum()
-    square = float(body.block.half_diagonal) ** 2
-    found = float(body.block.inertia_ratio) * body.total * square
-    assert found == pytest.approx(about_edge, rel=20 * eps)
-
-
-@pytest.mark.parametrize("body", BODIES)
 def test_impact_conserves_the_angular_momentum_about_the_new_edge(body, eps):
     """Before it, the masses turn about the old edge with unit velocity, after it about the new."""
     old = body.from_edge(-1)
@@ -82,19 +74,6 @@ def test_a_pulse_conserves_the_angular_momentum_about_the_edge(body, eps):
     about_edge = (body.mass * (place**2).sum(axis=0)).sum()
     launch = jr.launch_velocity(jr.Scene(body.block, 0.5, 0.15))
     assert launch == pytest.approx(given / about_edge, rel=20 * eps)
-
-
-@pytest.mark.parametrize("body", BODIES)
-def test_energy_of_the_masses_is_conserved(body, eps):
-    block = body.block
-    model = jr.Nonlinear()
-    velocity = 0.7 * float(model.critical_velocity(block))
-    peak = float(model.peak_rotation(block, velocity))
-    place = body.from_edge()
-    kinetic = 0.5 * (body.mass * (place**2).sum(axis=0)).sum() * velocity**2
-    risen = place[0] * -math.sin(peak) + place[1] * (math.cos(peak) - 1)
-    potential = GRAVITY * (body.mass * risen).sum()
-    assert kinetic == pytest.approx(potential, rel=100 * eps)
 
 
 @pytest.mark.float64
@@ -196,15 +175,9 @@ def test_closed_forms(ratio, model):
 
 ANSWERS = {
     "rotation_ratio": lambda block, model: jr.rotation_ratio(jr.Scene(block, 0.7, 0.1), model),
-    "rotation": lambda block, model: jr.stabilized_rotation(jr.Scene(block, 0.7, 0.1), model),
     "period": lambda block, model: jr.stabilized_period(jr.Scene(block, 0.7, 0.1), model),
     "amplification": lambda block, model: jr.amplification(jr.Scene(block, 0.7, 0.1), model),
-    "margin": lambda block, model: jr.overturning_margin(jr.Scene(block, 0.7, 0.1), model),
-    "velocity": lambda block, model: jr.stabilized_velocity(jr.Scene(block, 0.7, 0.1)),
     "critical_intensity": lambda block, model: jr.critical_intensity(block, 0.7, 4.0, model),
-    "critical_slenderness": lambda block, model: jr.critical_slenderness(
-        block, 0.7, 0.2, 4, model
-    ),
     "critical_restitution": lambda block, model: jr.critical_restitution(block, 0.2, 6, model),
     "driven": lambda block, model: (
         jr.respond(
@@ -224,7 +197,7 @@ ANSWERS = {
 @pytest.mark.parametrize("model", first_by_default(reversed(MODELS)), ids=repr)
 @pytest.mark.parametrize(
     "name",
-    some_by_default(ANSWERS, {"rotation_ratio", "period", "critical_intensity"}),
+    some_by_default(ANSWERS, {"period", "critical_intensity"}),
 )
 def test_inertia_acts_as_width(name, model):
     """A body of kappa moves like a rectangle that is wider by kappa over 4 / 3.
@@ -248,17 +221,12 @@ def test_inertia_acts_as_width(name, model):
         assert name == "amplification" or slopes[1] != 0
 
 
-@pytest.mark.thorough
 @pytest.mark.float64
 def test_derivatives_with_respect_to_the_inertia_ratio():
-    """Of what the law does not cover: Housner's restitution, the forces and the critical width."""
+    """Of what the law does not cover: Housner's restitution and the critical width."""
     step = 1e-5
 
-    def forces(ratio):
-        block = jr.Block(0.3, 4.0, inertia_ratio=ratio)
-        r = jr.respond(block, 0.8, jr.Sine(3.0, 0.5), 1.5, rtol=1e-11, max_impacts=0)
-        return jnp.stack([r.friction_demand, r.normal_force, r.peak_rotation])
-
+    @jax.jit
     def closed(ratio):
         block = jr.Block(0.3, 4.0, inertia_ratio=ratio)
         width = jr.critical_width(block, 0.7, 0.2, 4.0, jr.Nonlinear())
@@ -266,33 +234,18 @@ def test_derivatives_with_respect_to_the_inertia_ratio():
         housner = [jr.housner_restitution(each) for each in (block, stocky)]
         return jnp.stack([width, *housner])
 
-    for answer, rtol in ((forces, 1e-5), (closed, 1e-8)):
-        slopes = jax.jit(jax.jacfwd(answer))
-        at = jax.jit(answer)
-        for ratio in (1.1, 4 / 3, 2.2):
-            expected = (at(ratio + step) - at(ratio - step)) / (2 * step)
-            np.testing.assert_allclose(slopes(ratio), expected, rtol=rtol)
-    width, housner, stocky = closed(1.6)
-    np.testing.assert_allclose(jax.jacfwd(closed)(1.6)[0], -width / 1.6, rtol=1e-12)
-    backward = jax.grad(lambda ratio: closed(ratio)[1])(1.6)
-    assert backward == pytest.approx((1 - float(housner)) / 1.6, rel=1e-12)
-    assert stocky < housner
+    for ratio in (1.1, 2.2):
+        expected = (closed(ratio + step) - closed(ratio - step)) / (2 * step)
+        np.testing.assert_allclose(jax.jacfwd(closed)(ratio), expected, rtol=1e-8)
 
 
 def test_from_parameters(eps):
-    p = np.linspace(1, 5, 5)
-    angle = np.linspace(0.05, 1.5, 5)
-    for ratio in (1.0, 4 / 3, 2.0):
-        block = jr.Block.from_parameters(p, angle, 3.7, ratio)
-        np.testing.assert_allclose(block.frequency_parameter, p, rtol=10 * eps)
-        np.testing.assert_allclose(block.critical_angle, angle, rtol=10 * eps)
-        np.testing.assert_allclose(block.half_diagonal, 3.7 / (ratio * p**2), rtol=40 * eps)
-    once = jr.Block(0.4, 5.0, inertia_ratio=1.2)
+    once = jr.Block(0.4, np.array([0.5, 5.0]), 3.7, inertia_ratio=1.2)
     again = jr.Block.from_parameters(
         once.frequency_parameter, once.critical_angle, once.gravity, once.inertia_ratio
     )
-    for before, after in zip(jax.tree.leaves(once), jax.tree.leaves(again), strict=True):
-        np.testing.assert_allclose(before, after, rtol=10 * eps)
+    np.testing.assert_allclose(again.half_width, once.half_width, rtol=20 * eps)
+    np.testing.assert_allclose(again.slenderness, once.slenderness, rtol=10 * eps)
 
 
 def test_traced_values_that_no_body_has_become_nan():
@@ -311,28 +264,3 @@ def test_traced_values_that_no_body_has_become_nan():
     mass = jnp.asarray([100.0, -100.0])
     found = jax.jit(lambda m: ratio(jr.Block.from_body(0.4, 2.0, m, 3 * m)))(mass)
     assert jnp.isnan(found).tolist() == [False, True]
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_costs_of_float32():
-    """What is stated for a body whose inertia ratio is rounded covers what happens."""
-    rng = np.random.default_rng(3)
-    size = 400
-    ratio = rng.uniform(1, 3, size)
-    c = rng.uniform(0.3, 0.8, size)
-    b = 10 ** rng.uniform(-1, 0.5, size)
-    slenderness = rng.uniform(2, 12, size)
-    block = jr.Block(b, slenderness, inertia_ratio=ratio)
-    for model in MODELS:
-        intensity = rng.uniform(0.1, 0.9, size) * jr.critical_intensity(block, c, model=model)
-        scene = jr.Scene(block, c, intensity)
-        bound = jr.accuracy.model_error(scene).rounding[model.name][32]
-        single = jax.tree.map(lambda leaf: jnp.asarray(leaf, np.float32), scene)
-        for name, function in (
-            ("rotation_ratio", jr.rotation_ratio),
-            ("period", jr.stabilized_period),
-        ):
-            exact = function(scene, model)
-            off = np.abs(np.asarray(function(single, model), float) / exact - 1)
-            assert (off <= getattr(bound, name)).all()

@@ -276,21 +276,3 @@ def test_impacts_are_counted_where_the_block_overturns():
     np.testing.assert_array_equal(falls.mode, found.impacts)
     stands = jr.respond_batch(block, 0.9, jr.Sine(np.asarray(found.value) / inward, 0.5), 6.0)
     np.testing.assert_array_equal(stands.mode, -1)
-
-
-@pytest.mark.thorough
-def test_under_transformations():
-    def edges(slenderness):
-        block = jr.Block(0.1, slenderness)
-        return jr.critical_amplitude(
-            block, 0.9, jr.Sine, 0.5, resolution=0.05, max_boundaries=4
-        )
-
-    direct = jr.critical_amplitude(
-        jr.Block(0.1, jnp.asarray([5.0, 6.0])), 0.9, jr.Sine, 0.5, resolution=0.05
-    )
-    found = jax.jit(jax.vmap(edges))(jnp.asarray([5.0, 6.0]))
-    np.testing.assert_allclose(found.value[:, :3], direct.value, rtol=1e-12)
-    assert np.isnan(found.value[:, 3]).all()
-    np.testing.assert_array_equal(found.count, direct.count)
-    np.testing.assert_array_equal(found.impacts[:, :3], direct.impacts)

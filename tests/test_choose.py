@@ -57,14 +57,6 @@ def test_promise_of_closed_forms_under_pulses_that_last(shape):
         assert (error <= tolerance + 1e-8).all()
 
 
-def test_nothing_keeps_it():
-    wall = jr.Scene(jr.Block(0.4, 5.0), 0.7, 0.15)
-    choice = jr.accuracy.choose(wall, 1e-16)
-    assert not choice.within_tolerance
-    assert choice.setting == CLOSED[-1]
-    assert str(choice).startswith("nonlinear in float64: off by at most ")
-
-
 def one(tree, k):
     """The k-th scene of an array, whose record is the same for all."""
     return jax.tree.map(lambda leaf: leaf[k] if leaf.ndim and leaf.size < 1000 else leaf, tree)

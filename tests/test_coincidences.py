@@ -148,6 +148,7 @@ def test_ends_starts_and_samples(kind):
         assert close(*pair).all(), (name, pair)
 
 
+@pytest.mark.thorough
 def test_times_within_rounding_of_a_sample():
     """A step that the block's own time ends there, and a duration a little later."""
 

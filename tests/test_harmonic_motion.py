@@ -48,14 +48,6 @@ def test_motion(eps):
     assert other.cycles == 4
 
 
-@pytest.mark.float64
-def test_hundreds_of_radians_keep_their_digits():
-    motion = Harmonic(1.0, 12.566, 200)
-    time = np.linspace(90, 99.9, 300)
-    np.testing.assert_allclose(motion.horizontal(time), np.sin(12.566 * time), atol=3e-13)
-    assert motion.bucketed().horizontal(97.0) == motion.horizontal(97.0)
-
-
 @pytest.mark.thorough
 def test_traced_bad_values_give_nan():
     def peak(amplitude, frequency):

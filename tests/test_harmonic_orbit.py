@@ -186,23 +186,6 @@ def test_limits_of_the_linearized_block(w, c, least, breaking):
     assert float(orbit.trace[2]) == pytest.approx(-(1 + c**2), rel=1e-7)
 
 
-@pytest.mark.float64
-@pytest.mark.parametrize(
-    ("w", "c", "beta", "velocity", "ratio"),
-    [
-        (4.0, 0.925, 2.0, 0.8089190177, 0.1895130),
-        (4.0, 0.9, 2.0, 0.7954240336, 0.1890390),
-        (2.0, 0.8, 1.5, 1.0919671019, 0.5329054539),
-    ],
-)
-def test_known_linearized_motions(w, c, beta, velocity, ratio):
-    orbit = orbit_of(BLOCK, c, w, beta, "linearized")
-    unit = jr.Linearized().critical_velocity(BLOCK)
-    assert float(orbit.launch_velocity / unit) == pytest.approx(velocity, abs=6e-11)
-    assert float(orbit.rotation_ratio) == pytest.approx(ratio, abs=6e-8)
-    assert float(orbit.peak_rotation / BLOCK.critical_angle) == float(orbit.rotation_ratio)
-
-
 @pytest.mark.thorough
 @pytest.mark.float64
 def test_slender_blocks_are_linearized():

@@ -224,38 +224,6 @@ def kept_up(cases, within=1e-9, most=400):
     return outcome != "overturns", last
 
 
-# Block, C, duration; amplitude, whether it lifts the block, and whether rest leads there.
-VERGES = [
-    ((1.1061, 5.8307), 0.5832, 0.6853, True, True),
-    ((0.086432, 8.4668), 0.7125, 0.30026, False, False),
-    ((0.090582, 9.7444), 0.5871, 0.0017205, True, True),
-]
-
-
-@pytest.mark.thorough
-def test_pulses_at_their_verge():
-    """From the critical velocity a little weaker ones keep the block up; stronger ones do not."""
-    found = [
-        jr.steady.critical_pulsed_amplitude(jr.Block(*numbers), c, jr.HalfSine, duration)
-        for numbers, c, duration, _, _ in VERGES
-    ]
-    for verge, (*_, lifts, from_rest) in zip(found, VERGES, strict=True):
-        assert (bool(verge.lifts), bool(verge.from_rest)) == (lifts, from_rest)
-    rows = [
-        (*numbers, c, float(verge.amplitude), duration)
-        for verge, (numbers, c, duration, *_) in zip(found, VERGES, strict=True)
-    ]
-    cases = Cases("HalfSine", *np.array(rows + rows).T)
-    factors = np.repeat([1 - 1e-6, 1 + 1e-6], len(VERGES))
-    assert kept_up(cases.times(factors), most=6)[0].tolist() == [True] * 3 + [False] * 3
-    # Under so long pulses another orbit meets this one before.
-    lost = jr.steady.critical_pulsed_amplitude(
-        jr.Block(0.49841, 8.1018), 0.6598, jr.HalfSine, 1.9552
-    )
-    assert np.isnan(lost.amplitude)
-    assert float(lost.rate) == pytest.approx(2.1091, rel=1e-3)
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("shape", first_before_release(SHAPES[:-1], 1))
 def test_random_verges(shape):

@@ -65,45 +65,6 @@ def test_traced_bad_values_are_flagged():
     np.testing.assert_array_equal(np.isnan(peaks), expected)
 
 
-def threshold(overturns, low, high, tolerance=1e-8):
-    """Smallest amplitude that overturns, by bisection."""
-    assert not overturns(low)
-    assert overturns(high)
-    while high - low > tolerance * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if overturns(middle) else (middle, high)
-    return high
-
-
-@pytest.mark.thorough
-def test_two_impulses():
-    """Nabeshima et al. 2016: V, and -V right after the first impact, in the limit."""
-    block = jr.Block(0.4, 4.0)
-    c = 0.8
-    angle = block.critical_angle
-    radius = block.half_diagonal
-    closed = (
-        2 * jnp.sin(angle / 2) * jnp.sqrt(4 * 9.81 * radius / 3) / (jnp.cos(angle) * (1 + c))
-    )
-    scene = jr.Scene(block, c, closed)
-    assert float(jr.half_cycle_velocity(scene, 2)) == pytest.approx(
-        float(jr.Nonlinear().critical_velocity(block)), rel=1e-12
-    )
-    found = []
-    for duration in (2e-3, 1e-3):
-
-        def overturns(intensity, duration=duration):
-            pulse = jr.Rectangular(intensity / duration, duration)
-            first = jr.respond(block, c, pulse, 10.0)
-            if first.overturned:
-                return True
-            launch = c * abs(first.impact_velocities[0])
-            return jr.respond(block, c, pulse, duration, velocity=launch).overturned
-
-        found.append(threshold(overturns, 0.5 * float(closed), 2 * float(closed)))
-    assert 2 * found[1] - found[0] == pytest.approx(float(closed), rel=1e-4)
-
-
 @pytest.mark.parametrize("first", first_by_default([0, 4, 8]))
 def test_record_against_independent_integration(first):
     """On the shipped record, wherever rounding of the input changes next to nothing."""
@@ -264,27 +225,6 @@ def test_in_balance(model, sign):
     assert (r.impacts, r.overturned, r.margin) == (0, False, 0)
     assert (r.friction_demand, r.normal_force) == (0, 1)
     np.testing.assert_array_equal(r.history(np.array([0.0, 2.0, 5.0]))[0], angle)
-
-
-@pytest.mark.thorough
-def test_balance_ends_where_the_input_begins():
-    """By a pulse of either sign."""
-    block = jr.Block(0.2, 5.0)
-    c = 0.9
-    rocker = stepping.Rocker(0.2, 5.0, np.full(2, c))
-    start = float(block.critical_angle), 0.0
-    amplitude = np.array([0.5, -1.0])
-    ground, settle = stepping.within(
-        stepping.pulse("Sine", amplitude, 0.5), [1.0, 1.0], [4.0, 4.0]
-    )
-    truth = stepping.follow(rocker, ground, settle, start=start)
-    for k, a in enumerate(amplitude):
-        motion = jr.Sine(a, 0.5, start=1.0)
-        r = jr.respond(block, c, motion, 4.0, rotation=start[0], rtol=1e-11)
-        assert r.status == jr.Status.BALANCED
-        assert bool(r.overturned) == truth.overturned[k]
-        if not r.overturned:
-            assert float(r.final_rotation) == pytest.approx(truth.rotation[k], rel=1e-6)
 
 
 def test_being_beyond_the_critical_angle_is_not_overturning():

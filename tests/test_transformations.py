@@ -16,7 +16,7 @@ import jaxtyping
 import numpy as np
 import pytest
 from tables.closed_form_cases import CASES, NAMES
-from tools.selection import first_by_default
+from tools.selection import first_by_default, some_by_default
 
 import jaxrock as jr
 
@@ -52,7 +52,7 @@ def test_shapes_and_precision(name):
     assert grid.dtype == one.dtype == np.float32
 
 
-@pytest.mark.parametrize("name", first_by_default(ONE_OF_EACH_KIND, 5))
+@pytest.mark.parametrize("name", first_by_default(ONE_OF_EACH_KIND, 2))
 def test_transformations(name):
     """A grid of the first argument against the others, point by point; one program for all."""
     dtype = jnp.result_type(float)
@@ -210,16 +210,6 @@ CALLED_WITH = {
 }
 ROWS = re.findall(r"^\| (`.+) \| (\w+) \| (\w+) \| (\w+) \|$", PAGE.read_text(), re.MULTILINE)
 STATED = {name: marks for names, *marks in ROWS for name in re.findall(r"`(\w+)`", names)}
-# Tracing the loops of these takes seconds.
-SLOW = (
-    "pulsed_phase",
-    "critical_amplitude",
-    "critical_pulsed_amplitude",
-    "overturning_boundaries",
-    "respond",
-    "overturning_rate",
-    "required_value",
-)
 
 
 def test_the_page_states_all_functions():
@@ -230,7 +220,8 @@ def test_the_page_states_all_functions():
 
 @pytest.mark.float64
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.thorough] * (n in SLOW)) for n in STATED]
+    "name",
+    some_by_default(STATED, {"rotation_ratio", "respond_batch", "choose", "worst_train"}),
 )
 def test_the_page_says_which_transformations_work(name, monkeypatch):
     """Traced only, which shows it: nothing is compiled."""
