@@ -366,20 +366,6 @@ def test_input_that_just_lifts():
 
 
 @pytest.mark.thorough
-def test_a_block_does_not_depend_on_its_batch():
-    rng = np.random.default_rng(0)
-    block = jr.Block(rng.uniform(0.1, 0.5, 301), rng.uniform(3, 8, 301))
-    c = rng.uniform(0.5, 0.95, 301)
-    record = jr.example_record()
-    together = jr.respond_batch(block, c, record, 20.0)
-    for part in (slice(0, 1), slice(7, 60), slice(0, 301, 5)):
-        some = jax.tree.map(lambda leaf, part=part: leaf[part] if leaf.ndim else leaf, block)
-        alone = jr.respond_batch(some, c[part], record, 20.0)
-        np.testing.assert_array_equal(alone.peak_rotation, together.peak_rotation[part])
-        np.testing.assert_array_equal(alone.impacts, together.impacts[part])
-
-
-@pytest.mark.thorough
 def test_traced_bad_values():
     @jax.jit
     def shaken(samples, start, c):

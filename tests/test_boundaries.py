@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping
-from tools.selection import first_before_release, first_by_default
+from tools.selection import first_by_default
 
 import jaxrock as jr
 
@@ -202,35 +202,6 @@ def test_other_quantities_lead_to_the_same_boundary():
         values = value * np.linspace(0.95, 1.05, 5)
         found = jr.overturning_boundaries(block, c, pulse, along, values)
         assert float(found.value[0]) == pytest.approx(value, rel=1e-9), along
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "along",
-    first_before_release(["half_width", "restitution", "duration", "slenderness"], 2),
-)
-def test_slopes_along_other_quantities(along):
-    """On the threshold surface: how a quantity moves with the amplitude, and the inverse."""
-    numbers = {"half_width": 0.1, "slenderness": 5.0, "restitution": 0.9, "duration": 0.5}
-
-    def amplitude(value):
-        at = numbers | {along: value}
-        block = jr.Block(at["half_width"], at["slenderness"])
-        return jr.critical_amplitude(block, at["restitution"], jr.Sine, at["duration"]).value[
-            0
-        ]
-
-    def quantity(amplitude):
-        value = numbers[along]
-        block = jr.Block(0.1, 5.0)
-        pulse = jr.Sine(amplitude, 0.5)
-        values = value * np.linspace(0.95, 1.05, 5)
-        return jr.overturning_boundaries(block, 0.9, pulse, along, values).value[0]
-
-    there = amplitude(numbers[along])
-    forth = jax.jacfwd(amplitude)(numbers[along])
-    back = jax.jacfwd(quantity)(there)
-    assert float(forth * back) == pytest.approx(1, abs=1e-8)
 
 
 @pytest.mark.thorough

@@ -6,7 +6,6 @@ import mpmath as mp
 import numpy as np
 import pytest
 from references import closed_forms
-from scipy.optimize import brentq
 from tools.selection import first_by_default
 
 import jaxrock as jr
@@ -112,49 +111,6 @@ def width_at_height(height, restitution, intensity, half_cycles=np.inf, model="l
     block = jr.Block.from_size(width=0.3, height=height)
     options = {"model": model, "fixed": "height"}
     return jr.critical_width(block, restitution, intensity, half_cycles, **options)
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
-def test_width_at_this_height_is_where_brentq_finds_it(model):
-    """Of slender and stocky blocks; whatever width the given block has."""
-    rng = np.random.default_rng(5)
-    number = 12
-    height = 10 ** rng.uniform(-1, 1, number)
-    intensity = 10 ** rng.uniform(-2, 1, number)
-    c = rng.uniform(0, 1, number)
-    kappa = rng.uniform(1, 2, number)
-    count = rng.integers(1, 9, number).astype(float)
-    block = jr.Block(rng.uniform(0.1, 9, number), 1.0, inertia_ratio=kappa)
-    block = jr.Block(block.half_width, height / block.width, inertia_ratio=kappa)
-    found = jr.critical_width(block, c, intensity, count, model, fixed="height")
-
-    def excess(width, k):
-        of_width = jr.Block(width / 2, height[k] / width, inertia_ratio=kappa[k])
-        critical = jr.critical_intensity(of_width, c[k], count[k], model)
-        return np.log(float(critical) / intensity[k])
-
-    expected = [brentq(excess, 1e-6, 1e6, (k,), 1e-15, 1e-14) for k in range(number)]
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
-    assert min(expected / height) < 0.1
-    assert max(expected / height) > 2
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_slopes_of_the_width_at_this_height():
-    """By differences; the width of the given block alone has no influence."""
-    at = np.array([1.8, 0.9, 0.15])
-    slopes = jax.grad(lambda x: width_at_height(*x))(jnp.asarray(at))
-    for k, step in enumerate(1e-5 * np.eye(3)):
-        change = width_at_height(*(at + step)) - width_at_height(*(at - step))
-        assert slopes[k] == pytest.approx(float(change) / 2e-5, rel=1e-6)
-
-    def of_width(width):
-        block = jr.Block.from_size(width=width, height=1.8)
-        return jr.critical_width(block, 0.9, 0.15, fixed="height")
-
-    assert jax.grad(of_width)(0.6) == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.thorough

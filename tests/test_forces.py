@@ -168,31 +168,6 @@ def test_launched_blocks_that_overturn():
 
 
 @pytest.mark.thorough
-def test_states_of_no_step():
-    """Just before an impact, at a turn and at rest the forces are largest in turn."""
-    block = jr.Block(0.3, 4.0)
-    model = jr.Nonlinear()
-    launch = 0.5 * model.critical_velocity(block)
-    end = 0.9 * model.half_cycle_duration(block, launch)
-    q = np.arctan(0.25)
-    square = float((launch / block.frequency_parameter) ** 2)
-    # Free rocking presses least at an impact, where it is fastest.
-    least = 1 - 0.75 * (np.sin(q) ** 2 + square * np.cos(q))
-    for seconds in (end, 1.2 * end):
-        r = jr.respond(block, 0.7, STILL, seconds, velocity=launch)
-        assert float(r.normal_force) == pytest.approx(least, abs=1e-12)
-    r = jr.respond(block, 0.7, STILL, 1.2 * end, rotation=-model.peak_rotation(block, launch))
-    assert float(r.normal_force) == pytest.approx(least, abs=1e-9)
-    ups = np.zeros((2, SAMPLES))
-    ups[:, 1:3] = [[1.0, -1.5], [1.0, -2.0]]
-    with_vertical = jr.Record(ups[0], 0.1, ups[1])
-    r = jr.respond(block, 0.7, with_vertical)
-    assert r.at_rest
-    assert float(r.normal_force) == pytest.approx(1 - 2 / 9.81, rel=1e-14)
-    assert float(r.friction_demand) == pytest.approx(1.5 / 7.81, rel=1e-14)
-
-
-@pytest.mark.thorough
 def test_second_derivatives():
     """As differences of the first, which are compared with independent ones above."""
 

@@ -49,21 +49,6 @@ def test_motion(eps):
 
 
 @pytest.mark.thorough
-def test_traced_bad_values_give_nan():
-    def peak(amplitude, frequency):
-        return jr.respond_batch(BLOCK, 0.7, Harmonic(amplitude, frequency, 3)).peak_rotation
-
-    given = jnp.array([2.5, 2.5, 2.5, jnp.nan]), jnp.array([8.0, 0.0, -8.0, 8.0])
-    value, slope = jax.jit(lambda *g: jax.jvp(peak, g, (jnp.ones(4), jnp.ones(4))))(*given)
-    assert np.isnan(value).tolist() == [False, True, True, True]
-    assert np.isfinite(slope).all()
-    assert not slope[1:].any()
-    found = jax.jit(lambda w: jr.respond(BLOCK, 0.7, Harmonic(2.5, w, 3), max_impacts=0))(0.0)
-    assert found.status == jr.Status.INVALID
-    assert np.isnan(found.peak_rotation)
-
-
-@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("model", ["nonlinear", "linearized"])
 def test_one_cycle_is_a_sine(model):

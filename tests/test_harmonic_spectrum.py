@@ -1,13 +1,9 @@
 """Spectra of steady rocking on a harmonic floor: labels, regions, and what SciPy says of them."""
 
-import jax
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-import xarray
 from references import stepping
 from tools.cf_conventions import assert_follows_cf
-from tools.command import run
 
 import jaxrock as jr
 from jaxrock.plot import plot_harmonic
@@ -88,18 +84,11 @@ def test_what_happens_elsewhere():
     phase = found.phase.values.ravel()
     launch = 1.001 * found.velocity_ratio.values.ravel() * scale
 
-    def value(motion, piece, time):
-        angle = phase[motion] + piece * np.pi / 8 + ratio[motion] * p * time
-        there = strength[motion] * 9.81 / 5 * np.sin(angle)
-        return there, np.zeros_like(there)
-
     unstable = region >= 2
-    edges = np.arange(16 * cycles + 1) * np.pi / 8 / (ratio[:, None] * p)
     # So that what has no orbit does not matter.
     phase, launch = (np.where(unstable, x, 0.0) for x in (phase, launch))
-    path = stepping.follow(
-        rocker, stepping.Ground(edges, value), 0.0, 1e-11, (0 * launch, launch)
-    )
+    floor = stepping.harmonic(strength * 9.81 / 5, ratio * p, cycles, phase)
+    path = stepping.follow(rocker, floor, 0.0, 1e-11, (0 * launch, launch))
     topples = path.peak >= 0.5 * np.pi
     np.testing.assert_array_equal(region[unstable], 2 + topples[unstable])
 
@@ -127,36 +116,3 @@ def test_in_units_of_one_block(tmp_path):
     ax = plot_harmonic(sized)
     lifts = next(x for x in ax.get_lines() if x.get_label() == "lifts a block at rest")
     assert set(lifts.get_ydata()) == {sized.uplift_amplitude}
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_the_command_in_hertz(capsys, tmp_path):
-    """From which amplitude on the block goes on rocking, beside what lifts it from rest."""
-    size = ("harmonic", "--width", 0.4, "--height", 2, "--restitution", 0.9, "--cycles", 2)
-    grid = ("--frequency", 1, 2, "--amplitude", "0.1:0.5:41", "--model", "linearized")
-    code, text, _ = run(capsys, *size, *grid, "--out", tmp_path / "out")
-    assert code == 0
-    block = jr.Block(0.2, 5.0)
-    for frequency in (1, 2):
-        least = least_harmonic_amplitude(block, 0.9, 2 * np.pi * frequency)
-        on_grid = np.ceil(float(least) * 100) / 100
-        line = f"at {frequency} Hz: keeps rocking from {on_grid:.3g} m/s2 on\n"
-        assert line in text
-    assert_follows_cf(tmp_path / "out" / "harmonic.nc")
-    with xarray.open_dataset(tmp_path / "out" / "harmonic.nc") as dataset:
-        assert dataset.frequency.values.tolist() == [1, 2]
-    table = (tmp_path / "out" / "harmonic.csv").read_text(encoding="utf-8")
-    assert "frequency [Hz],amplitude [m/s2]" in table
-
-
-@pytest.mark.float64
-@pytest.mark.thorough
-def test_floors_of_single_precision_are_followed():
-    """Without 64 bits the regions are the same, but for chaotic points."""
-    arguments = [2.0, 4.0], [0.05, 1.5, 5.0]
-    exact = harmonic_spectrum(*arguments, restitution=0.9, cycles=5)
-    with jax.enable_x64(False):
-        rough = harmonic_spectrum(*arguments, restitution=0.9, cycles=5)
-    np.testing.assert_array_equal(rough.region, exact.region)
-    np.testing.assert_allclose(rough.rotation_ratio, exact.rotation_ratio, rtol=1e-5)

@@ -169,16 +169,6 @@ def test_impacts_that_stop_a_block(name):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("rtol", [1e-5, 1e-9, 1e-13])
-def test_a_block_that_lands_against_a_push_overturns(rtol):
-    """Both give 0.386268253 for C = 1e-9, and so does `respond` for C = 0."""
-    pulse = jr.Rectangular(3.0, 1.0)
-    found = jr.respond_batch(BLOCK, 0.0, pulse, rotation=0.15, velocity=-1.0, rtol=rtol)
-    assert float(found.final_rotation) == pytest.approx(0.3862682532, abs=max(rtol, 1e-9))
-    assert found.overturned
-
-
-@pytest.mark.float64
 @pytest.mark.parametrize("solver", first_by_default([jr.respond_batch, jr.respond]))
 @pytest.mark.parametrize("name", first_by_default(STOPPED))
 def test_derivatives_where_impacts_stop_a_block(solver, name):

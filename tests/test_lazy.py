@@ -18,7 +18,6 @@ from tools.selection import some_by_default
 
 import jaxrock as jr
 from jaxrock.grids import write_zarr, zarr_store
-from jaxrock.spectra import resonance
 
 
 def assert_equal(found, expected):
@@ -49,20 +48,6 @@ def test_chunks_change_nothing(name):
     }
     assert_equal(made.compute(scheduler="synchronous"), whole)
     assert_equal(function(chunks="auto").compute(), whole)
-
-
-def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
-    asked = []
-
-    def count(function, points, *rest, single=resonance._compute_at_points):
-        asked.append(points.shape[1])
-        return single(function, points, *rest)
-
-    monkeypatch.setattr(resonance, "_compute_at_points", count)
-    made = grid()
-    assert asked == []
-    made.sel(slenderness=9.0, width=0.8, restitution=0.6).compute(scheduler="synchronous")
-    assert asked == [6]  # the last chunk, one slenderness
 
 
 @pytest.mark.float64

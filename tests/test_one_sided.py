@@ -1,8 +1,6 @@
 """Blocks against a wall: the impact law, closed forms, driven motion, and what rests on them."""
 
 import csv
-import functools
-import itertools
 
 import equinox as eqx
 import jax
@@ -11,7 +9,6 @@ import numpy as np
 import pytest
 from references import stepping
 from references.trains import follow_train
-from scenes import record
 from tools.selection import first_before_release, first_by_default, some_by_default
 
 import jaxrock as jr
@@ -210,17 +207,6 @@ def test_trains_against_independent_integration(name):
     np.testing.assert_allclose(train.history(until)[0], expected.rotation, atol=1e-9)
     assert not train.overturned
     assert set(np.asarray(train.side).tolist()) <= {0.0, 1.0}
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("model", MODELS)
-def test_worst_trains_push_away_from_the_wall(model):
-    worst = jr.worst_train(WALL, C, 3, model=model, starts=4)
-    assert worst.status == jr.Status.COMPLETE
-    assert (worst.intensities > 0).all()
-    expected = float(jr.critical_intensity(WALL, C, 3.0, model))
-    assert worst.largest == pytest.approx(expected, rel=1e-6)
-    assert jr.respond_to_train(WALL, C, worst.times, worst.intensities, model).overturned
 
 
 @pytest.mark.thorough
@@ -454,72 +440,3 @@ def test_uplift_is_away_from_the_wall():
     lifted = jr.respond_batch(BOUNCY, 0.4, scales).peak_rotation > 0
     np.testing.assert_array_equal(lifted, [False, True])
     assert jr.overturning.uplift_factor(BOUNCY, jr.HalfSine(-1.0, 0.3)) == np.inf
-
-
-@pytest.mark.thorough
-def test_spectra_of_driven_motion():
-    """Blocks of the spectrum, made one by one; Housner's restitution is not theirs."""
-    motion = record()
-    spectrum = jr.rocking_spectrum(motion, [1.5, 3.0], slenderness=[4.0, 8.0], one_sided=True)
-    angles = np.arctan(1 / np.array([4.0, 8.0]))
-    rates = 2 * np.pi / np.array([[1.5], [3.0]])
-    block = jr.Block.from_parameters(rates, angles[None], one_sided=True)
-    response = jr.respond_batch(block, jr.one_sided_restitution(block), motion)
-    np.testing.assert_allclose(spectrum.peak_rotation, response.peak_rotation, rtol=1e-6)
-    # No wall stops a stocky block by reversing it: it stays there.
-    stocky = jr.rocking_spectrum(jr.Sine(20.0, 0.5), 2.0, slenderness=1.2, one_sided=True)
-    assert stocky.impacts.values.item() == 1
-    block = jr.Block(0.2, 5.0, one_sided=True)
-    duration = 2 * np.pi / (4.0 * float(block.frequency_parameter))
-    edges = np.asarray(jr.critical_amplitude(block, 0.9, jr.Sine, duration).value) / (9.81 / 5)
-    against_wall = functools.partial(jr.overturning_map, jr.Sine, [4.0], one_sided=True)
-    wall = against_wall(restitution=-0.9)
-    np.testing.assert_allclose(wall.amplitude_ratio.values[0], edges, rtol=1e-8)
-    sides = against_wall(amplitude_ratio=edges[-1] * np.array([0.99, 1.01]), restitution=-0.9)
-    np.testing.assert_array_equal(sides.overturned, [[0, 1]])
-
-
-@pytest.mark.thorough
-def test_driven_sensitivities():
-    """Of a block whose second push moves it: as blocks made for the purpose."""
-    towards = jr.HalfSine(-4.0, 0.4)
-    probabilities = jr.sensitivity.outcome_probabilities(
-        WALL, C, towards, UNCERTAIN, ratio=0.01
-    )
-    np.testing.assert_array_equal(probabilities.probability, 0)
-    pulse = jr.Sine(-4.0, 0.6)
-    bars = jr.sensitivity.driven_tornado(WALL, C, pulse, {"width": (0.7, 0.9)})
-    block = jr.Block.from_size(width=np.array([0.7, 0.9]), height=4.0, one_sided=True)
-    response = jr.respond_batch(block, C, pulse, pulse.end + 10.0)
-    ratios = np.asarray(response.peak_rotation / block.critical_angle)
-    np.testing.assert_allclose([bars.at_low[0], bars.at_high[0]], ratios, rtol=1e-6)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("model", MODELS)
-def test_free_rocking_is_fitted(model):
-    """Times between impacts with the decay of |C|, by trains: no impact law of this file."""
-    train = jr.respond_to_train(WALL, -0.8, [0.0], [0.7], model)
-    time = np.linspace(0, 6, 60001)
-    rotation, velocity = map(np.asarray, train.history(time))
-    thrown = np.flatnonzero((velocity[:-1] < 0) & (velocity[1:] > 0))[:12]
-    # Straight lines to the ground from both sides of an impact.
-    times = time[thrown] - rotation[thrown] / velocity[thrown]
-    fit = jr.calibration.fit_free_rocking(times, WALL, model=model)
-    assert float(fit.restitution) == pytest.approx(0.8, abs=1e-4)
-    assert fit.block.one_sided
-    peaks = [rotation[a:b].max() for a, b in itertools.pairwise(thrown)]
-    fit = jr.calibration.fit_free_rocking(times, WALL, peak_rotations=peaks, model=model)
-    assert float(fit.restitution) == pytest.approx(0.8, abs=1e-3)
-
-
-@pytest.mark.thorough
-def test_assessment_names_the_wall():
-    answers = jr.reports.assess(WALL, 0.47, 0.3)
-    scene = answers["scene"]
-    assert scene["one_sided_restitution"] == float(jr.one_sided_restitution(WALL))
-    assert "housner_restitution" not in scene
-    assert "one-sided" in str(answers)
-    ground = jr.plot.plot_response(jr.respond(WALL, C, jr.Sine(4.0, 0.6), 3.0)).child_axes[0]
-    (level,) = [line for line in ground.lines if line.get_linestyle() == "-."]
-    assert level.get_ydata().min() > 0  # uplift to one side only

@@ -50,25 +50,6 @@ def test_agreement_to_the_digits_printed(quantity, at, printed, agrees):
     assert row["agrees"] == agrees
 
 
-@pytest.mark.parametrize(
-    ("kind", "bounds", "confirmed"),
-    [
-        ("within", [1, None], True),
-        ("within", [None, 2.9], False),
-        ("within", [3.1, None], False),
-        ("beyond", [1, None], False),
-        ("beyond", [None, 2.9], True),
-    ],
-)
-def test_a_claim_is_judged_by_its_bounds(kind, bounds, confirmed):
-    number = {"quantity": "half_cycle_velocity", "at": {"intensity": [0.15, 0.3]}}
-    number |= {"over": {"at": {"intensity": [0.1, 0.1]}}, kind: bounds}
-    claim = {"where": "", "what": "", "verdict": "holds", "figure": "{a[1]:.2f}"}
-    row = paper.judge(claim | {"numbers": {"a": number}})
-    assert row["figure"] == "3.00"
-    assert row["verdict"] == ("holds" if confirmed else "not confirmed")
-
-
 def test_how_far_claims_hold(report):
     """Each verdict with a limit has a number that says why, computed here by other ways."""
     limited = {row["where"]: row for row in report.claims if row["verdict"] != "holds"}

@@ -35,20 +35,6 @@ def test_chunks_against_single_points(monkeypatch, eps, model, chunk):
             np.testing.assert_allclose(ours[at], theirs, rtol=1000 * eps)
 
 
-def test_arguments_that_broadcast(monkeypatch, eps):
-    monkeypatch.setattr(slopes, "_CHUNK", 4)
-    restitution = jnp.linspace(0.5, 0.8, 5)[:, None]
-    width = jnp.linspace(0.2, 0.6, 3)[None, :]
-
-    def ratio(c, b, slenderness):
-        return jr.rotation_ratio(jr.Scene(jr.Block(b, slenderness), c, 0.15))
-
-    value, (to_c, to_slenderness) = jr.value_and_slopes(ratio, (0, 2))(restitution, width, 5.0)
-    assert value.shape == to_c.shape == to_slenderness.shape == (5, 3)
-    single = jax.grad(ratio, (0, 2))(restitution[4, 0], width[0, 1], 5.0)
-    np.testing.assert_allclose((to_c[4, 1], to_slenderness[4, 1]), single, rtol=1000 * eps)
-
-
 def test_slopes_beyond_the_threshold_are_zero_or_masked():
     scene = jr.Scene(jr.Block(0.4, 5.0), 0.7, jnp.asarray([0.15, 0.45]))
     value, slope = jr.value_and_slopes(jr.rotation_ratio)(scene)

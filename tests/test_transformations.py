@@ -84,66 +84,6 @@ def test_transformations(name):
 BLOCK = jr.Block(0.4, 5.0)
 
 
-def over_intensities(function):
-    return lambda i: function(jr.Scene(BLOCK, 0.7, i)), [0.1, 5.0, 0.15]
-
-
-def one_by_one(function):
-    return lambda values: jnp.stack([function(value) for value in values])
-
-
-def phase_of(c):
-    return jr.steady.pulsed_phase(jr.Block(0.2, 5.0), c, jr.HalfSine(6.0, 0.02))
-
-
-def verge_of(duration):
-    block = jr.Block(0.49841, 8.1018)
-    return jr.steady.critical_pulsed_amplitude(block, 0.6598, jr.HalfSine, duration).amplitude
-
-
-def harmonic(amplitude):
-    return jr.steady.harmonic_orbit(
-        BLOCK, 0.9, amplitude, 4.0, model="linearized"
-    ).peak_rotation
-
-
-# Values of one quantity, one of which has no answer.
-PARTLY = {
-    "rotation_ratio": over_intensities(jr.rotation_ratio),
-    "critical_restitution": (
-        lambda i: jr.resonance.critical_restitution(BLOCK, i),
-        [0.3, 50.0, 0.4],
-    ),
-    "nonlinear stabilized_period": over_intensities(
-        lambda s: jr.stabilized_period(s, jr.Nonlinear())
-    ),
-    "hazard": (jr.risk.Hazard([0.1, 1.0], [1e-2, 1e-4]), [0.3, 5.0, 0.7]),
-    "pulsed_phase": (one_by_one(lambda c: phase_of(c).period), [0.5, 0.7, 0.9]),
-    "critical_pulsed_amplitude": (one_by_one(verge_of), [0.05, 1.9552, 0.06]),
-    "harmonic_orbit": (harmonic, [0.5, 500.0, 0.6]),
-}
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize("name", first_by_default(list(PARTLY), 2))
-def test_what_does_not_exist_has_no_derivative(name):
-    """Masked on the value, sums over the others have theirs, in both modes."""
-    function, values = PARTLY[name]
-    values = jnp.asarray(values)
-    exist = np.isfinite(function(values))
-    assert 0 < exist.sum() < 3, function(values)
-
-    def masked(values):
-        answers = function(values)
-        return jnp.where(jnp.isfinite(answers), answers, 0).sum()
-
-    backward = jax.grad(masked)(values)
-    forward = jax.jacfwd(masked)(values)
-    np.testing.assert_allclose(backward, forward, rtol=1e-10)
-    assert np.isfinite(backward).all()
-    assert (np.asarray(backward)[~exist] == 0).all()
-
-
 PULSE = jr.HalfSine(4.0, 0.4)
 RECORD = jr.Record([0.0, 1.0, -1.0, 0.0], 0.1)
 SUITE = jr.Suite([RECORD])

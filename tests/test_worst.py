@@ -83,16 +83,8 @@ def test_a_worst_train_does_as_told_when_it_is_replayed(model):
         assert worst.largest == pytest.approx(closed, rel=1e-9)
 
     latest = 1.2 / float(block.frequency_parameter)
-    timed = jr.worst_train(block, c, 3, latest=latest, starts=2, model=model)
-    replayed = jr.respond_to_train(block, c, timed.times, timed.intensities, model)
-    assert replayed.overturned
-
-    largest = 0.9 * worst.largest
-    strongest = jr.worst_train(block, c, 3, "most rotation", largest=largest, model=model)
-    replayed = jr.respond_to_train(block, c, strongest.times, strongest.intensities, model)
-    assert not replayed.overturned
-    assert replayed.peak_rotation >= strongest.peak_rotation
-    assert float(replayed.peak_rotation) == pytest.approx(strongest.peak_rotation, rel=1e-3)
+    timed = jr.worst_train(block, c, 3, latest=latest, model=model)
+    assert jr.respond_to_train(block, c, timed.times, timed.intensities, model).overturned
 
 
 @pytest.mark.thorough
@@ -139,23 +131,3 @@ def test_the_least_in_total_is_a_single_pulse(model):
     assert worst.total == pytest.approx(single, rel=1e-9)
     assert (abs(worst.objectives / single - 1) < 1e-6).sum() >= 8
     assert np.sort(abs(worst.intensities))[-2] < 1e-6 * single
-
-
-@pytest.mark.thorough
-def test_constraints():
-    """Kept, and they cost something; without any, all pulses come at once."""
-    block = jr.Block(0.4, 4.0)
-    c = 0.7
-    single = float(jr.critical_intensity(block, c, 1))
-    at_once = jr.worst_train(block, c, 2, impacts_between=0)
-    assert at_once.largest == pytest.approx(single / 2, rel=1e-9)
-    free = jr.worst_train(block, c, 2)
-    apart = jr.worst_train(block, c, 2, spacing=float(free.times[1]) + 0.2)
-    assert apart.status == jr.Status.COMPLETE
-    assert np.diff(apart.times)[0] >= float(free.times[1]) + 0.2 - 1e-5
-    assert apart.largest > 1.01 * free.largest
-    # A hair after the impact, which is where it is to come.
-    for factor in (0.999, 1.001):
-        intensities = apart.intensities * np.array([1, factor])
-        train = jr.respond_to_train(block, c, apart.times + np.array([0, 1e-9]), intensities)
-        assert bool(train.overturned) == (factor > 1)

@@ -95,13 +95,16 @@ def record(horizontal, vertical, step, scale=1.0):
     return Ground(np.broadcast_to(edges, (scale.size, edges.size)), value)
 
 
-def harmonic(amplitude, frequency, cycles):
+def harmonic(amplitude, frequency, cycles, phase=0.0):
     """Sines of so many periods, from time 0 on."""
+    amplitude, frequency, phase = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(x, float)) for x in (amplitude, frequency, phase))
+    )
     turns = np.r_[0, np.arange(2 * cycles) / 2 + 0.25, cycles] * 2 * np.pi
 
     def value(motion, piece, time):
-        there = amplitude[motion] * np.sin(turns[piece] + frequency[motion] * time)
-        return there, np.zeros_like(there)
+        angle = phase[motion] + turns[piece] + frequency[motion] * time
+        return amplitude[motion] * np.sin(angle), np.zeros_like(angle)
 
     return Ground(turns / frequency[:, None], value)
 

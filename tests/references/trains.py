@@ -66,4 +66,6 @@ def _fly(rocker, side, begin, end, state):
     lands.terminal = falls.terminal = True
     lands.direction = -1
     events = (lands, turns, falls)
-    return solve_ivp(field, (begin, end), state, "DOP853", rtol=1e-11, atol=1e-14, events=events)
+    return solve_ivp(
+        field, (begin, end), state, "DOP853", rtol=1e-11, atol=1e-14, events=events
+    )
