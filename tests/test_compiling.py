@@ -70,9 +70,6 @@ CALLS = {
     "respond_to_train": lambda k: jr.respond_to_train(
         block(k), 0.7, np.array([0.0, 0.5 + 0.1 * k, 1.5]), np.array([0.3, -0.3, 0.3])
     ).history(np.linspace(0, 1 + k, 10)),
-    "worst_train": lambda k: jr.worst_train(
-        jr.Block(0.4 + 0.01 * k, 5.0), 0.7, 2, starts=2, seed=k
-    ),
     "sensitivities": lambda k: jr.sensitivities(jr.rotation_ratio, scene(k)),
     "resonance_spectrum": lambda k: jr.resonance_spectrum(
         5.0, np.linspace(0.2, 1, 5) + 0.1 * k, 0.7, 0.15
@@ -80,11 +77,7 @@ CALLS = {
     "rocking_spectrum": lambda k: jr.rocking_spectrum(
         record(seed=k), np.linspace(1.0 + k, 3, 6), 5.0
     ),
-    "choose": lambda k: jr.accuracy.choose(scene(k), 0.01 + 0.01 * k),
     "harmonic_orbit": lambda k: jr.steady.harmonic_orbit(block(k), 0.9, 3.0 + k, 10.0 + k),
-    "critical_pulsed_amplitude": lambda k: jr.steady.critical_pulsed_amplitude(
-        block(k), 0.7, jr.HalfSine, 0.1 + 0.01 * k
-    ),
     "overturning_rate": lambda k: jr.risk.overturning_rate(block(k), 0.8, site(k)),
     "fit_outcomes": lambda k: jr.calibration.fit_outcomes(
         suite(k), [k == 0, True, False], samples=64
@@ -118,11 +111,9 @@ def test_batches_of_all_sizes_take_one_program(compiled):
 QUESTIONS = {
     "respond_batch": lambda motion: jr.respond_batch(STOUT, 0.3, motion, 2.0),
     "respond": lambda motion: jr.respond(STOUT, 0.3, motion, 2.0),
-    "within": lambda motion: jr.respond_within(STOUT, 0.3, motion, 1e-6, 2.0),
     "boundaries": lambda motion: jr.overturning_boundaries(
         STOUT, 0.3, motion, "factor", [0.1, 0.2]
     ),
-    "spectrum": lambda motion: jr.rocking_spectrum(motion, [6.0], 1.0, restitution=0.3),
     "jvp": lambda motion: jax.jvp(
         lambda c: jr.respond_batch(STOUT, c, motion, 2.0).peak_rotation, (0.3,), (1.0,)
     ),

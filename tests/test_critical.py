@@ -107,26 +107,6 @@ def test_any_restitution_comes_back(half_cycles):
     assert jnp.isnan(jr.critical_restitution(block, beyond, half_cycles)).all()
 
 
-def width_at_height(height, restitution, intensity, half_cycles=np.inf, model="linearized"):
-    block = jr.Block.from_size(width=0.3, height=height)
-    options = {"model": model, "fixed": "height"}
-    return jr.critical_width(block, restitution, intensity, half_cycles, **options)
-
-
-@pytest.mark.thorough
-def test_edges_of_the_width_at_this_height():
-    assert width_at_height(1.8, 0.7, 0.0) == 0
-    assert width_at_height(1.8, 1.0, 0.1) == np.inf
-    assert width_at_height(1.8, 1.0, 0.1, 7.0) < np.inf
-    # What is not allowed is NaN where it is traced, and leaves the other slopes alone.
-    c = jnp.asarray([0.6, -0.5, 1.0, 0.9])
-    values, slopes = jax.vmap(jax.value_and_grad(lambda c: width_at_height(1.8, c, 0.1)))(c)
-    assert jnp.isnan(values).tolist() == [False, True, False, False]
-    assert slopes[1] == 0
-    assert np.isfinite(slopes).all()
-    assert (slopes[jnp.asarray([0, 3])] > 0).all()
-
-
 @pytest.mark.float64
 @pytest.mark.parametrize("half_cycles", [2.0, 3.0, 10.0, 50.0])
 def test_the_restitution_of_1_has_the_derivative_of_an_inverse(half_cycles):

@@ -93,23 +93,6 @@ def test_the_overturning_threshold(model):
     assert later[0] < 0 < block.critical_angle < later[1]  # fell back, was carried over
 
 
-@pytest.mark.parametrize("model", MODELS, ids=repr)
-def test_a_masked_sum_differentiates_past_blocks_that_overturn(model):
-    """With a parameter that all share: NaN times zero must not get in."""
-
-    def total(shared, x):
-        block = jr.Block(shared, 5.0)
-        velocity = x * jax.lax.stop_gradient(model.critical_velocity(block))
-        peak = model.peak_rotation(block, velocity)
-        return jnp.nansum(peak), peak
-
-    slope = jax.jit(jax.grad(total, has_aux=True))
-    several, peaks = slope(0.4, jnp.asarray([0.3, 1.5, jnp.nan]))
-    alone, _ = slope(0.4, jnp.asarray([0.3]))
-    assert jnp.isnan(peaks).tolist() == [False, True, True]
-    np.testing.assert_allclose(several, alone, rtol=1e-6)
-
-
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default(reversed(MODELS)), ids=repr)
 def test_the_history_of_a_train_is_scipys(model):

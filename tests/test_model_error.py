@@ -13,7 +13,6 @@ from tables.random_scenes import NUMBER, apart, computed, each, lasting_scenes, 
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.accuracy import is_linearized_enough
 from jaxrock.accuracy.cheapest_setting import CLOSED
 from jaxrock.accuracy.model_errors import Answers
 
@@ -130,14 +129,3 @@ def test_what_is_not_finite_has_no_finite_bound():
         bound = getattr(error.duration_bound, name)
         unknown = ~np.isfinite(np.asarray(estimate))
         assert np.isinf(np.asarray(bound)[unknown]).all()
-
-
-def test_where_the_linearized_equation_is_enough():
-    given = scenes(8, NUMBER)
-    costs = np.maximum.reduce(
-        [np.abs(c) for c in jax.tree.leaves(jr.accuracy.model_error(given).linearization)]
-    )
-    stands = np.asarray(jr.overturning_margin(given, jr.Nonlinear())) > 0
-    for tolerance in (1e-2, 1e-3, 1e-5):
-        enough = np.asarray(is_linearized_enough(given, tolerance))
-        assert (enough == stands & (costs <= tolerance - 16 * np.finfo(float).eps)).all()

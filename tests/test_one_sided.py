@@ -412,23 +412,6 @@ def test_boundaries_along_every_quantity():
         assert boundary.value.item() == pytest.approx(value, rel=1e-7), along
 
 
-@pytest.mark.thorough
-def test_derivatives_of_boundaries():
-    """Of the first amplitude that overturns, after an impact, in both modes."""
-
-    def amplitude(numbers):
-        block = jr.Block(numbers[0], numbers[1], one_sided=True)
-        boundaries = jr.critical_amplitude(
-            block, numbers[2], jr.Cosine, 0.7, ratios=(1.5, 6.0), max_boundaries=4
-        )
-        return boundaries.value[0]
-
-    at = np.array([0.2, 4.0, -0.45])
-    forward = jax.jacfwd(amplitude)(jnp.asarray(at))
-    np.testing.assert_allclose(forward, differentiate(amplitude, at), rtol=1e-6)
-    np.testing.assert_allclose(jax.jacrev(amplitude)(jnp.asarray(at)), forward, rtol=1e-9)
-
-
 def test_uplift_is_away_from_the_wall():
     ramp = jr.Record([0.0, -3.0, 0.0, 2.0, 0.0], 0.1, [0.0, 0.0, 0.0, -1.0, 0.0])
     uplift = 9.81 / 4.0

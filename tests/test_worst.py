@@ -89,7 +89,7 @@ def test_a_worst_train_does_as_told_when_it_is_replayed(model):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "case", first_before_release(train_search.CASES, train_search.DEFAULT)
+    "case", first_before_release(train_search.TELLING, train_search.DEFAULT)
 )
 def test_no_train_is_worse(case):
     """SciPy's search finds none, with limits, which are kept; followed without JAX it overturns."""
