@@ -108,7 +108,7 @@ def test_any_restitution_comes_back(half_cycles):
 
 
 @pytest.mark.float64
-@pytest.mark.parametrize("half_cycles", [2.0, 3.0, 10.0, 50.0])
+@pytest.mark.parametrize("half_cycles", first_by_default([3.0, 2.0, 10.0, 50.0]))
 def test_the_restitution_of_1_has_the_derivative_of_an_inverse(half_cycles):
     """At the end of what is allowed, where rounding may put the answer above 1."""
     block = jr.Block(0.4, 5.0)

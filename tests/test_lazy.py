@@ -36,7 +36,7 @@ def grid(**changes):
     return jr.resonance_spectrum(**axes | {"chunks": {"slenderness": 2}} | changes)
 
 
-@pytest.mark.parametrize("name", some_by_default(GRIDS, {"resonance", "rocking"}))
+@pytest.mark.parametrize("name", some_by_default(GRIDS, {"resonance"}))
 def test_chunks_change_nothing(name):
     function, chunks = GRIDS[name]
     whole = function()

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 import xarray
-from tools.selection import first_by_default
 
 from jaxrock.host import write_whole
 
@@ -22,7 +21,8 @@ def _no_signal_is_ignored(monkeypatch, tmp_path):
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.parametrize("number", first_by_default([signal.SIGINT, signal.SIGTERM]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_command_that_writes(number):
     """With the exit code of a shell, and no file or folder is left."""
     words = f"{sys.executable} -m jaxrock spectrum --slenderness 3:10:281 --width 0.2:2:181"

@@ -19,7 +19,7 @@ def scenes(*shape):
 
 
 @pytest.mark.parametrize("model", first_by_default(MODELS))
-@pytest.mark.parametrize("chunk", first_by_default([4, 7, 21, 100], 2))
+@pytest.mark.parametrize("chunk", first_by_default([4, 7, 21, 100]))
 def test_chunks_against_single_points(monkeypatch, eps, model, chunk):
     monkeypatch.setattr(slopes, "_CHUNK", chunk)
     scene = scenes(3, 7)
