@@ -284,20 +284,6 @@ def test_estimate_of_within_covers_what_an_independent_integration_finds():
     assert (found.error[stands] <= 1e-6).all()
 
 
-@pytest.mark.float64
-def test_threads_work_under_the_settings_of_the_caller():
-    block = jr.Block(np.array([0.1, 0.2, 0.3]), 5.0)
-    expected = jr.respond_batch(block, 0.9, jr.Sine(4.0, 0.5), 1.0)
-    jax.config.update("jax_enable_x64", False)
-    try:
-        with jax.enable_x64(True):
-            found = jr.respond_batch(block, 0.9, jr.Sine(4.0, 0.5), 1.0)
-    finally:
-        jax.config.update("jax_enable_x64", True)
-    assert found.peak_rotation.dtype == np.float64
-    np.testing.assert_array_equal(found.peak_rotation, expected.peak_rotation)
-
-
 SHAKEN = np.asarray(jr.example_record("north", vertical=True).acceleration)[1200:1300]
 RISING = np.asarray(jr.example_record("north", vertical=True).vertical)[1200:1300]
 UPLIFT = 9.81 / 5

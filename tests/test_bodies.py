@@ -204,12 +204,6 @@ def test_traced_values_that_no_body_has_become_nan():
     ratios = jnp.asarray([1.2, 0.9, 1.4])
     found = jax.jit(lambda r: ratio(jr.Block(0.4, 5.0, inertia_ratio=r)))(ratios)
     assert jnp.isnan(found).tolist() == [False, True, False]
-    slopes = jax.grad(lambda r: jnp.nansum(ratio(jr.Block(0.4, 5.0, inertia_ratio=r))))(ratios)
-    assert slopes[1] == 0
-    assert (slopes[::2] < 0).all()
-    angles = jnp.asarray([0.2, 0.2 + 2 * np.pi, -0.2])
-    found = jax.jit(lambda a: ratio(jr.Block.from_parameters(2.0, a)))(angles)
-    assert jnp.isnan(found).tolist() == [False, True, True]
     mass = jnp.asarray([100.0, -100.0])
     found = jax.jit(lambda m: ratio(jr.Block.from_body(0.4, 2.0, m, 3 * m)))(mass)
     assert jnp.isnan(found).tolist() == [False, True]

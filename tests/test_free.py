@@ -80,19 +80,6 @@ def test_nonlinear_tends_to_linearized_as_slenderness_squared(question, x):
     np.testing.assert_allclose(rate, 2, atol=0.02)
 
 
-@pytest.mark.parametrize("model", MODELS, ids=repr)
-def test_the_overturning_threshold(model):
-    block = jr.Block(0.4, 5.0)
-    velocity = jnp.asarray([0.999, 1.001]) * model.critical_velocity(block)
-    peak = model.peak_rotation(block, velocity)
-    assert 0.9 * block.critical_angle < peak[0] < block.critical_angle
-    assert jnp.isnan(peak[1])
-    assert jnp.isnan(model.half_cycle_duration(block, velocity)).tolist() == [False, True]
-    time = 1.2 * model.half_cycle_duration(block, velocity)[0]
-    later, _ = model.motion(block, velocity, time)
-    assert later[0] < 0 < block.critical_angle < later[1]  # fell back, was carried over
-
-
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default(reversed(MODELS)), ids=repr)
 def test_the_history_of_a_train_is_scipys(model):

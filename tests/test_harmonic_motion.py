@@ -48,23 +48,6 @@ def test_motion(eps):
     assert other.cycles == 4
 
 
-@pytest.mark.thorough
-@pytest.mark.float64
-@pytest.mark.parametrize("model", ["nonlinear", "linearized"])
-def test_one_cycle_is_a_sine(model):
-    for amplitude, frequency in ((2.6, 8.0), (-3.5, 7.0), (4.5, 4.0)):
-        pulse = jr.Sine(amplitude, 2 * np.pi / frequency, 0.1)
-        motion = Harmonic(amplitude, frequency, 1, 0.1)
-        expected = jr.respond(BLOCK, 0.9, pulse, 4.0, rtol=1e-11, model=model)
-        for respond in (jr.respond, jr.respond_batch):
-            found = respond(BLOCK, 0.9, motion, 4.0, rtol=1e-11, model=model)
-            assert found.overturned == expected.overturned
-            for name in ("peak_rotation", "final_rotation", "margin"):
-                value = float(getattr(expected, name))
-                other = float(getattr(found, name))
-                assert other == pytest.approx(value, rel=1e-8, abs=1e-9)
-
-
 # From just above uplift to overturning. The first two blocks come to rest in each half-cycle,
 # and are lifted again in all of them. The strength is over that of uplift.
 STRENGTH = np.array([1.003, 1.1, *np.tile([1.15, 1.3, 1.6, 2.0, 2.6], 2)])

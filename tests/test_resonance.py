@@ -117,19 +117,3 @@ def test_second_derivatives_of_many_half_cycles(restitution, number):
     else:
         exact = mp.diff(lambda c: (1 - c) / (1 - c**number), mp.mpf(restitution), 2)
     np.testing.assert_allclose(second / unit, float(exact), rtol=1e-9, atol=1e-12)
-
-
-@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
-def test_without_pulses_nothing_moves(restitution):
-    one = scene(restitution, 0.0)
-    assert (
-        jr.stabilized_velocity(one) == jr.rotation_ratio(one) == jr.stabilized_period(one) == 0
-    )
-    assert jr.overturning_margin(one) == 1
-    assert jr.overturning_half_cycle(one) == jnp.inf
-    assert jr.half_cycle_velocity(one, jnp.inf) == 0
-    if restitution < 1:
-        expected = 1 / (1 - restitution) ** 2
-        np.testing.assert_allclose(jr.amplification(one), expected, rtol=1e-6)
-    else:
-        assert jnp.isnan(jr.amplification(one))

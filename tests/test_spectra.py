@@ -1,4 +1,3 @@
-import csv
 import functools
 
 import numpy as np
@@ -9,7 +8,6 @@ from tools.cf_conventions import assert_follows_cf
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.grids import tables
 from jaxrock.spectra import resonance as spectra
 
 
@@ -111,28 +109,6 @@ def test_parts_and_files_change_nothing(tmp_path, monkeypatch, largest):
         assert stored.attrs == whole.attrs
         assert stored.stabilized_period.attrs == whole.stabilized_period.attrs
     assert [entry.name for entry in path.parent.iterdir()] == ["spectrum.nc"]
-
-
-def test_table(tmp_path, monkeypatch):
-    spectrum = jr.resonance_spectrum(**GRID)
-    jr.grids.write_table(spectrum, tmp_path / "spectrum.csv")
-    with open(tmp_path / "spectrum.csv", newline="", encoding="utf-8") as file:
-        lines = file.readlines()
-    assert "# gravity: 9.81\n" in lines
-    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    assert len(rows) == spectrum.stabilized_period.size
-    monkeypatch.setattr(tables, "_LARGEST", 7)  # points of a part
-    jr.grids.write_table(spectrum, tmp_path / "parts.csv")
-    assert (tmp_path / "parts.csv").read_text() == (tmp_path / "spectrum.csv").read_text()
-    assert (
-        tables.compute_overturned_fraction(spectrum)
-        == (spectrum.overturning_margin <= 0).mean()
-    )
-    for row in (rows[0], rows[-2]):
-        heads = {"slenderness": "-", "width": "m", "restitution": "-"}
-        at = {name: float(row[f"{name} [{unit}]"]) for name, unit in heads.items()}
-        value = float(spectrum.stabilized_period.sel(at, method="nearest"))
-        np.testing.assert_allclose(float(row["stabilized_period [s]"]), value, rtol=1e-6)
 
 
 @pytest.mark.thorough

@@ -118,16 +118,3 @@ def test_no_train_is_worse(case):
     for by, falls in ((0, True), (-1e-5, False)):
         path = followed(rocker, worst.times, worst.intensities * (1 + by))
         assert path.overturned == falls, by
-
-
-@BOTH
-@pytest.mark.thorough
-def test_the_least_in_total_is_a_single_pulse(model):
-    block = jr.Block(0.4, 4.0)
-    c = 0.7
-    worst = jr.worst_train(block, c, 4, "smallest total", model=model)
-    single = float(jr.critical_intensity(block, c, 1, model))
-    assert worst.status == jr.Status.COMPLETE
-    assert worst.total == pytest.approx(single, rel=1e-9)
-    assert (abs(worst.objectives / single - 1) < 1e-6).sum() >= 8
-    assert np.sort(abs(worst.intensities))[-2] < 1e-6 * single
