@@ -245,39 +245,6 @@ def test_none_leaves_its_neighbours_alone(model):
     assert float(by_c) == pytest.approx(float(alone[1]), rel=1e3 * eps)
 
 
-@pytest.mark.thorough
-@pytest.mark.float64
-@pytest.mark.parametrize("model", MODELS)
-def test_corners(model):
-    """Finite wherever it exists, with derivatives; from nearly nothing to strong floors."""
-    c, w = np.meshgrid([0.0, 0.01, 0.5, 0.999, 1.0], [0.3, 1.0, 4.0, 50.0], indexing="ij")
-    least = least_harmonic_amplitude(BLOCK, c, in_units(BLOCK, w, 1.0)[1])
-    beta = np.asarray(least / in_units(BLOCK, w, 1.0)[0])
-    beta = beta * np.array([1 + 1e-6, 1.2, 4.0])[:, None, None] + 1e-5 * (c == 1)
-
-    def total(at):
-        orbit = orbit_of(BLOCK, at[0], at[1], at[2], model)
-        numbers = (orbit.launch_velocity, orbit.phase, orbit.rotation_ratio, orbit.trace)
-        return sum(jnp.nansum(number) for number in numbers), orbit
-
-    at = tuple(jnp.asarray(part) for part in np.broadcast_arrays(c, w, beta))
-    slopes, orbit = jax.grad(total, has_aux=True)(at)
-    if model == "linearized":
-        assert orbit.exists[:, 2:].all()
-    else:  # whose own least amplitude is a little larger or smaller
-        assert orbit.exists[1:, 2:].all()
-    for slope in slopes:
-        assert np.isfinite(slope).all()
-        assert (np.asarray(slope)[~np.asarray(orbit.exists)] == 0).all()
-    with np.errstate(invalid="ignore"):  # less on the upper branch, more on the lower one
-        assert not (np.asarray(orbit.trace) > 1 + c**2).any()
-    ratio = np.asarray(orbit.rotation_ratio)[np.asarray(orbit.exists)]
-    assert (ratio > 0).all()
-    assert (
-        np.asarray(orbit.phase)[np.asarray(orbit.exists)] <= np.pi + 1e-9
-    ).all()  # by rounding
-
-
 @pytest.mark.float64
 def test_from_where_on_the_nonlinear_motion_exists():
     """Just above its own fold it is found, and there the larger multiplier is 1."""

@@ -83,33 +83,6 @@ def test_record_against_independent_integration(first):
             assert float(r.peak_rotation) == pytest.approx(row["peak_rotation"], rel=1e-8), row
 
 
-def forced(parameters):
-    b, slenderness, c, amplitude, duration = parameters
-    block = jr.Block(b, slenderness)
-    pulse = jr.Ricker(amplitude, duration)
-    r = jr.respond(block, c, pulse, 4.0, rtol=1e-11, max_impacts=16)
-    return jnp.stack([r.peak_rotation, r.margin])
-
-
-def forced_there(parameters):
-    """The same, integrated in another way: answers, scenes."""
-    b, slenderness, c, amplitude, duration = np.asarray(parameters).T
-    ground = stepping.pulse("Ricker", amplitude, duration)
-    r = stepping.follow(stepping.Rocker(b, slenderness, c), ground, 1.2)
-    assert (r.impacts >= 3).all()
-    return np.stack([r.peak, r.margin])
-
-
-FORCED = jnp.asarray([0.25, 5.0, 0.85, 3.2, 0.7])
-
-
-@pytest.mark.thorough
-def test_second_derivatives_through_impacts():
-    second = jax.jit(jax.jacfwd(jax.jacrev(forced)))(FORCED)
-    expected = curvatures(forced_there, FORCED, 1e-3)
-    np.testing.assert_allclose(second, expected, rtol=2e-6, atol=2e-6)
-
-
 @pytest.mark.thorough
 def test_second_derivatives_under_a_record():
     samples = np.array([0.0, 4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0, 0.0])
