@@ -92,6 +92,14 @@ def test_half_cycle_map_against_simulation():
 RANGES = {"restitution": (0.4, 0.5), "width": (0.7, 0.9)}
 UNCERTAIN = jr.Uncertain({"restitution": 0.05, "width": 0.05}, samples=64)
 period = jr.stabilized_period
+
+
+def take_spectrum(scene, model):
+    """A spectrum of one point."""
+    axes = 5.0, 0.8, np.reshape(scene.restitution, 1), 0.3
+    return jr.resonance_spectrum(*axes, model=model, one_sided=scene.block.one_sided)
+
+
 # Answers that a block against a wall and a free-standing one have alike, with the same C.
 ALIKE = {
     "ratio": lambda scene, model: jr.rotation_ratio(scene, model),
@@ -114,15 +122,11 @@ ALIKE = {
 # And those of which they have half: of the period, by every tool.
 HALF = {
     "period": period,
-    "derivative": lambda scene, model: jr.sensitivities(period, scene, model=model).value,
-    "one-sided": lambda scene, model: jr.value_and_slopes(period)(scene, model)[1].intensity,
+    "derivative": lambda scene, _: jr.sensitivities(period, scene).value,
+    "one-sided": lambda scene, _: jr.value_and_slopes(period)(scene)[1].intensity,
     "tornado": lambda scene, _: jr.tornado(period, scene, RANGES).at_high,
     "moments": lambda scene, _: jr.sensitivity.propagate(period, scene, UNCERTAIN).mean,
-    "spectrum": lambda scene, model: (
-        jr.resonance_spectrum(
-            5.0, 0.8, scene.restitution, 0.3, model=model, one_sided=scene.block.one_sided
-        ).stabilized_period
-    ),
+    "spectrum": lambda scene, model: take_spectrum(scene, model).stabilized_period,
 }
 
 

@@ -82,9 +82,13 @@ def test_a_worst_train_does_as_told_when_it_is_replayed(model):
         closed = float(jr.critical_intensity(block, c, 3, model))
         assert worst.largest == pytest.approx(closed, rel=1e-9)
 
-    latest = 1.2 / float(block.frequency_parameter)
-    timed = jr.worst_train(block, c, 3, latest=latest, model=model)
-    assert jr.respond_to_train(block, c, timed.times, timed.intensities, model).overturned
+    # Further apart than the impacts of that train, which costs something.
+    spacing = 1.1 * float(worst.times[1])
+    apart = jr.worst_train(block, c, 3, spacing=spacing, model=model)
+    assert apart.status == jr.Status.COMPLETE
+    assert (np.diff(apart.times) >= spacing - 1e-9).all()
+    assert apart.largest > 1.001 * worst.largest
+    assert jr.respond_to_train(block, c, apart.times, apart.intensities, model).overturned
 
 
 @pytest.mark.thorough
