@@ -24,6 +24,7 @@ def errors():
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-8])
 def test_promise(errors, tolerance):
     given, true = errors

@@ -100,6 +100,7 @@ def test_the_history_of_a_train_is_scipys(model):
     np.testing.assert_allclose(ours[:, order], theirs, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default(MODELS), ids=repr)
 def test_derivatives_of_a_train_and_its_history(model):

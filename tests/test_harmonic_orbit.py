@@ -53,7 +53,7 @@ STABLE = [  # block, C, w, beta
 
 @pytest.mark.float64
 @pytest.mark.parametrize("model", first_by_default(MODELS))
-@pytest.mark.parametrize("case", first_by_default(STABLE, 2))
+@pytest.mark.parametrize("case", first_by_default(STABLE))
 def test_motion_that_settles_does_so_there(case, model):
     block, c, w, beta = case
     amplitude, frequency = map(float, in_units(block, w, beta))

@@ -29,8 +29,9 @@ def draw_blocks(rng, number):
     return half_width, slenderness, restitution, rotation, velocity
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
-@pytest.mark.parametrize("linearized", first_by_default([False, True]))
+@pytest.mark.parametrize("linearized", [False, True])
 @pytest.mark.parametrize(
     "kind", first_before_release(["Sine", "Cosine", "Ricker", "record"], 1)
 )
@@ -120,9 +121,10 @@ def test_derivatives_against_differences(solver, kind):
             np.testing.assert_allclose(derive(at)[:, k], slope, rtol=2e-5, atol=2e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
-@pytest.mark.parametrize("solver", first_by_default([jr.respond_batch, jr.respond]))
-@pytest.mark.parametrize("name", first_by_default(["velocity", "rotation"]))
+@pytest.mark.parametrize("solver", [jr.respond_batch, jr.respond])
+@pytest.mark.parametrize("name", ["velocity", "rotation"])
 def test_a_block_at_rest_forgets_a_small_push(solver, name):
     """Before the input lifts it: the derivative is 0, as differences are."""
 

@@ -30,7 +30,8 @@ def many(linearized):
     return jax.jit(jax.vmap(run))
 
 
-@pytest.mark.parametrize("linearized", [False, pytest.param(True, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("linearized", [False, True])
 def test_free_rocking(linearized):
     """The first 20 half-cycles of random blocks, none missed."""
     rng = np.random.default_rng(2)
@@ -54,6 +55,7 @@ def test_free_rocking(linearized):
     np.testing.assert_allclose(velocities[:, :half_cycles], signed, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_traced_bad_values_are_flagged():
     numbers = np.full((6, 100), [[0.3], [4.0], [0.9], [0.1], [0.0], [1.0]])
     bad = {1: (2, 1.5), 3: (4, np.nan), 4: (0, -1.0), 6: (3, np.inf), 8: (5, 0.0)}

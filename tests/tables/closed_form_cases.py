@@ -225,7 +225,6 @@ def _cases():  # noqa: C901
         scenes_anywhere,
     )
     yield Case(
-        "stabilized_velocity",
         lambda *a: jr.stabilized_velocity(scene(*a)),
         lambda *a: closed_forms.half_cycle_velocity(*a, mp.inf),
         scenes_anywhere,
@@ -342,16 +341,12 @@ def evaluate(case, samples, dtype):
 
 # The default run has one function of each kind.
 OF_EACH_KIND = {
-    "Linearized.peak_rotation",
     "Nonlinear.half_cycle_duration",
-    "Linearized rotation_ratio",
     "Nonlinear stabilized_period",
-    "Nonlinear overturning_margin",
     "Linearized critical_intensity(5)",
     "Nonlinear critical_width(inf)",
     "Block.frequency_parameter",
     "half_cycle_velocity(5)",
-    "stabilized_velocity",
 }
 NAMES = [
     pytest.param(name, marks=pytest.mark.thorough) if name not in OF_EACH_KIND else name
