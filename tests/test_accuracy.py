@@ -122,26 +122,3 @@ def test_value_and_derivatives_in_float64(name):
             scale = total / numbers[position] if CASES[name].path else abs(exact)
             assert abs(mp.mpf(ours) - exact) <= (1e-10 + 100 * eps / left) * scale, where
             assert abs(ours - other) <= 1e-13 * scale, where
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize("name", [n for n in CASES if "critical_intensity" in n])
-def test_derivatives_of_critical_intensity_without_loss(name):
-    arguments = (0.4, 5.0, 9.81, 1.0)
-    gradient = jax.grad(CASES[name].ours, (0, 1, 2, 3))(*arguments)
-    exact_arguments = tuple(mp.mpf(a) for a in arguments)
-    for position, slope in enumerate(gradient):
-        orders = tuple(int(position == j) for j in range(4))
-        exact = mp.diff(CASES[name].theirs, exact_arguments, orders)
-        assert abs(mp.mpf(float(slope)) - exact) <= 1e-10 * abs(exact) + 1e-40
-
-
-def test_first_pulse_on_a_large_block_keeps_its_digits_in_float32():
-    case = CASES["Linearized stabilized_rotation"]
-    arguments = tuple(
-        np.asarray([v], np.float32).astype(float) for v in (10, 5, 9.81, 0, 0.15)
-    )
-    samples = Samples(arguments, np.zeros(1))
-    ours = evaluate(case, samples, np.float32)[0]
-    exact = case.theirs(*(mp.mpf(float(a[0])) for a in arguments))
-    assert abs(float(ours) / float(exact) - 1) < 4 * np.finfo(np.float32).eps

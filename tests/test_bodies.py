@@ -1,6 +1,5 @@
 """Bodies other than rectangles: the inertia ratio, from first principles and by exact laws."""
 
-import functools
 import math
 
 import jax
@@ -8,13 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping
-from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq
 from tools.selection import first_by_default, some_by_default
 
 import jaxrock as jr
 from jaxrock.driven import Equation
-from jaxrock.impact import assume_restitution
 
 RATIOS = [1.0, 1.1, 1.25, 1.6, 2.5]
 MODELS = [jr.Linearized(), jr.Nonlinear()]
@@ -45,26 +41,6 @@ VASE = Masses(0.2, [0.1, 0.35, 0.2], [0.1, 1.1, 1.6], [30.0, 12.0, 5.0])
 COLUMN = Masses(0.3, [0.3, 0.3, 0.3, 0.3], [0.0, 1.0, 2.0, 3.0], [9.0, 10.0, 11.0, 12.0])
 HEAVY_FOOT = Masses(0.5, [0.1, 0.4], [0.3, 2.5], [40.0, 4.0])
 BODIES = [VASE, COLUMN, HEAVY_FOOT]
-
-
-def test_a_rectangle_given_by_its_mass_and_inertia(eps):
-    width = 0.8
-    height = 4.0
-    mass = 2500.0
-    inertia = mass * (width**2 + height**2) / 12
-    block = jr.Block.from_body(width / 2, height / 2, mass, inertia)
-    assert block.inertia_ratio == pytest.approx(4 / 3, rel=4 * eps)
-    assert block.frequency_parameter == pytest.approx(
-        float(jr.Block.from_size(width=width, height=height).frequency_parameter), rel=4 * eps
-    )
-
-
-@pytest.mark.parametrize("body", BODIES)
-def test_moment_of_inertia_about_the_edge(body, eps):
-    about_edge = (body.mass * (body.from_edge() ** 2).sum(axis=0)).sum()
-    square = float(body.block.half_diagonal) ** 2
-    found = float(body.block.inertia_ratio) * body.total * square
-    assert found == pytest.approx(about_edge, rel=20 * eps)
 
 
 @pytest.mark.parametrize("body", BODIES)
@@ -98,19 +74,6 @@ def test_a_pulse_conserves_the_angular_momentum_about_the_edge(body, eps):
     assert launch == pytest.approx(given / about_edge, rel=20 * eps)
 
 
-@pytest.mark.parametrize("body", BODIES)
-def test_energy_of_the_masses_is_conserved(body, eps):
-    block = body.block
-    model = jr.Nonlinear()
-    velocity = 0.7 * float(model.critical_velocity(block))
-    peak = float(model.peak_rotation(block, velocity))
-    place = body.from_edge()
-    kinetic = 0.5 * (body.mass * (place**2).sum(axis=0)).sum() * velocity**2
-    risen = place[0] * -math.sin(peak) + place[1] * (math.cos(peak) - 1)
-    potential = GRAVITY * (body.mass * risen).sum()
-    assert kinetic == pytest.approx(potential, rel=100 * eps)
-
-
 @pytest.mark.float64
 @pytest.mark.parametrize("body", BODIES)
 def test_acceleration_is_that_of_newton_and_euler(body):
@@ -137,108 +100,42 @@ def test_acceleration_is_that_of_newton_and_euler(body):
         assert acceleration == pytest.approx(float(expected), rel=1e-12, abs=1e-12)
 
 
-def scene_of(numbers, motion):
-    """A block from its half-width, slenderness and inertia ratio, and the same for stepping."""
-    b, slenderness, ratio, c = numbers
-    block = jr.Block(b, slenderness, inertia_ratio=ratio)
-    return block, c, motion, stepping.Rocker(b, slenderness, c, share=1 / ratio)
-
-
 @pytest.mark.thorough
 @pytest.mark.float64
-@pytest.mark.parametrize("ratio", [1.1, 1.0, 1.25, 1.6, 2.5])
+@pytest.mark.parametrize("ratio", [1.0, 1.6, 2.5])
 def test_driven_response(ratio):
     """Against steps that know of radius, angle and inertia only."""
     rng = np.random.default_rng(int(100 * ratio))
-    impacts = 0
     for _ in range(4):
         b = 10 ** rng.uniform(-1, 0)
         slenderness = rng.uniform(2, 8)
         c = rng.uniform(0.5, 0.9)
-        numbers = b, slenderness, ratio, c
         amplitude = GRAVITY / slenderness * rng.uniform(1.1, 2.0)
         duration = rng.uniform(0.3, 1.0)
-        block, c, motion, rocker = scene_of(numbers, jr.Sine(amplitude, duration))
+        rocker = stepping.Rocker(b, slenderness, c, share=1 / ratio)
         ground = stepping.pulse("Sine", amplitude, duration)
         expected = stepping.follow(rocker, ground, settle=1.0)
+        block = jr.Block(b, slenderness, inertia_ratio=ratio)
+        motion = jr.Sine(amplitude, duration)
         found = jr.respond(block, c, motion, duration + 1.0, rtol=1e-11)
-        assert bool(found.overturned) == expected.overturned[0]
-        assert found.peak_rotation == pytest.approx(expected.peak[0], rel=1e-8)
-        assert found.margin == pytest.approx(expected.margin[0], abs=1e-8)
+        batch = jr.respond_batch(block, c, motion, duration + 1.0)
+        assert bool(found.overturned) == bool(batch.overturned) == expected.overturned[0]
+        for answer in (found, batch):
+            assert answer.peak_rotation == pytest.approx(expected.peak[0], rel=1e-8)
+            assert answer.margin == pytest.approx(expected.margin[0], abs=1e-8)
         n = min(found.impact_times.size, expected.impacts[0], 10)
-        times = expected.impact_times[0]
-        velocities = expected.impact_velocities[0]
+        assert n
+        times, velocities = expected.impact_times[0], expected.impact_velocities[0]
         np.testing.assert_allclose(found.impact_times[:n], times[:n], rtol=1e-8)
         np.testing.assert_allclose(found.impact_velocities[:n], velocities[:n], rtol=1e-7)
-        batch = jr.respond_batch(block, c, motion, rtol=1e-11)
-        to_end = jr.respond(block, c, motion, rtol=1e-11)
-        assert batch.peak_rotation == pytest.approx(float(to_end.peak_rotation), rel=1e-8)
-        assert batch.margin == pytest.approx(float(to_end.margin), abs=1e-8)
-        impacts += n
-    assert impacts
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize("model", MODELS, ids=repr)
-@pytest.mark.parametrize("ratio", [1.0, 1.8])
-def test_closed_forms(ratio, model):
-    """Peak, duration and motion of free rocking by root finding, quadrature and integration."""
-    block = jr.Block(0.3, 4.0, inertia_ratio=ratio)
-    angle = math.atan(0.25)
-    radius = 0.3 * math.sqrt(17)
-    square = GRAVITY / (ratio * radius)
-    linear = isinstance(model, jr.Linearized)
-
-    def moment(alpha):
-        return square * (angle - alpha if linear else math.sin(angle - alpha))
-
-    def lost(alpha):
-        rise = alpha * (angle - alpha / 2)
-        return 2 * square * (rise if linear else math.cos(angle - alpha) - math.cos(angle))
-
-    critical = math.sqrt(lost(angle))
-    assert model.critical_velocity(block) == pytest.approx(critical, rel=1e-12)
-    launch = 0.8 * critical
-    peak = brentq(lambda alpha: lost(alpha) - launch**2, 0, angle, xtol=1e-15)
-    assert model.peak_rotation(block, launch) == pytest.approx(peak, rel=1e-12)
-
-    def slowness(u):  # the square root at the peak is substituted away
-        alpha = peak * (1 - u * u)
-        return 2 * peak * u / math.sqrt(max(launch**2 - lost(alpha), 1e-300))
-
-    duration = 2 * quad(slowness, 1e-8, 1, epsrel=1e-12)[0]
-    assert model.half_cycle_duration(block, launch) == pytest.approx(duration, rel=1e-7)
-    path = solve_ivp(
-        lambda t, y: (y[1], -moment(y[0])),
-        (0, 0.3),
-        (0, launch),
-        "DOP853",
-        rtol=1e-12,
-        atol=1e-14,
-    )
-    np.testing.assert_allclose(model.motion(block, launch, 0.3), path.y[:, -1], rtol=1e-9)
 
 
 ANSWERS = {
     "rotation_ratio": lambda block, model: jr.rotation_ratio(jr.Scene(block, 0.7, 0.1), model),
-    "rotation": lambda block, model: jr.stabilized_rotation(jr.Scene(block, 0.7, 0.1), model),
     "period": lambda block, model: jr.stabilized_period(jr.Scene(block, 0.7, 0.1), model),
     "amplification": lambda block, model: jr.amplification(jr.Scene(block, 0.7, 0.1), model),
-    "margin": lambda block, model: jr.overturning_margin(jr.Scene(block, 0.7, 0.1), model),
-    "velocity": lambda block, model: jr.stabilized_velocity(jr.Scene(block, 0.7, 0.1)),
     "critical_intensity": lambda block, model: jr.critical_intensity(block, 0.7, 4.0, model),
-    "critical_slenderness": lambda block, model: jr.critical_slenderness(
-        block, 0.7, 0.2, 4, model
-    ),
     "critical_restitution": lambda block, model: jr.critical_restitution(block, 0.2, 6, model),
-    "driven": lambda block, model: (
-        jr.respond(
-            block, 0.8, jr.Sine(3.0, 0.5), 1.5, model=model, rtol=1e-10, max_impacts=0
-        ).peak_rotation
-    ),
-    "batch": lambda block, model: (
-        jr.respond_batch(block, 0.8, jr.Sine(3.0, 0.5), 1.5, model=model).margin
-    ),
     "boundary": lambda block, model: jr.critical_amplitude(
         block, 0.8, jr.HalfSine, 0.5, model=model, max_boundaries=1
     ).value[0],
@@ -249,7 +146,7 @@ ANSWERS = {
 @pytest.mark.parametrize("model", first_by_default(reversed(MODELS)), ids=repr)
 @pytest.mark.parametrize(
     "name",
-    some_by_default(ANSWERS, {"rotation_ratio", "period", "critical_intensity"}),
+    some_by_default(ANSWERS, {"period", "critical_intensity"}),
 )
 def test_inertia_acts_as_width(name, model):
     """A body of kappa moves like a rectangle that is wider by kappa over 4 / 3.
@@ -273,17 +170,12 @@ def test_inertia_acts_as_width(name, model):
         assert name == "amplification" or slopes[1] != 0
 
 
-@pytest.mark.thorough
 @pytest.mark.float64
 def test_derivatives_with_respect_to_the_inertia_ratio():
-    """Of what the law does not cover: Housner's restitution, the forces and the critical width."""
+    """Of what the law does not cover: Housner's restitution and the critical width."""
     step = 1e-5
 
-    def forces(ratio):
-        block = jr.Block(0.3, 4.0, inertia_ratio=ratio)
-        r = jr.respond(block, 0.8, jr.Sine(3.0, 0.5), 1.5, rtol=1e-11, max_impacts=0)
-        return jnp.stack([r.friction_demand, r.normal_force, r.peak_rotation])
-
+    @jax.jit
     def closed(ratio):
         block = jr.Block(0.3, 4.0, inertia_ratio=ratio)
         width = jr.critical_width(block, 0.7, 0.2, 4.0, jr.Nonlinear())
@@ -291,41 +183,18 @@ def test_derivatives_with_respect_to_the_inertia_ratio():
         housner = [jr.housner_restitution(each) for each in (block, stocky)]
         return jnp.stack([width, *housner])
 
-    for answer, rtol in ((forces, 1e-5), (closed, 1e-8)):
-        slopes = jax.jit(jax.jacfwd(answer))
-        at = jax.jit(answer)
-        for ratio in (1.1, 4 / 3, 2.2):
-            expected = (at(ratio + step) - at(ratio - step)) / (2 * step)
-            np.testing.assert_allclose(slopes(ratio), expected, rtol=rtol)
-    width, housner, stocky = closed(1.6)
-    np.testing.assert_allclose(jax.jacfwd(closed)(1.6)[0], -width / 1.6, rtol=1e-12)
-    backward = jax.grad(lambda ratio: closed(ratio)[1])(1.6)
-    assert backward == pytest.approx((1 - float(housner)) / 1.6, rel=1e-12)
-    assert stocky < housner
+    for ratio in (1.1, 2.2):
+        expected = (closed(ratio + step) - closed(ratio - step)) / (2 * step)
+        np.testing.assert_allclose(jax.jacfwd(closed)(ratio), expected, rtol=1e-8)
 
 
 def test_from_parameters(eps):
-    p = np.linspace(1, 5, 5)
-    angle = np.linspace(0.05, 1.5, 5)
-    for ratio in (1.0, 4 / 3, 2.0):
-        block = jr.Block.from_parameters(p, angle, 3.7, ratio)
-        np.testing.assert_allclose(block.frequency_parameter, p, rtol=10 * eps)
-        np.testing.assert_allclose(block.critical_angle, angle, rtol=10 * eps)
-        np.testing.assert_allclose(block.half_diagonal, 3.7 / (ratio * p**2), rtol=40 * eps)
-    once = jr.Block(0.4, 5.0, inertia_ratio=1.2)
+    once = jr.Block(0.4, np.array([0.5, 5.0]), 3.7, inertia_ratio=1.2)
     again = jr.Block.from_parameters(
         once.frequency_parameter, once.critical_angle, once.gravity, once.inertia_ratio
     )
-    for before, after in zip(jax.tree.leaves(once), jax.tree.leaves(again), strict=True):
-        np.testing.assert_allclose(before, after, rtol=10 * eps)
-
-
-def test_only_frequency_and_angle_matter_to_the_rotation(eps):
-    rocking = [
-        jr.rotation_ratio(jr.Scene(jr.Block.from_parameters(1.6, 0.2, 9.81, ratio), 0.7, 0.1))
-        for ratio in RATIOS
-    ]
-    np.testing.assert_allclose(rocking, rocking[0], rtol=100 * eps)
+    np.testing.assert_allclose(again.half_width, once.half_width, rtol=20 * eps)
+    np.testing.assert_allclose(again.slenderness, once.slenderness, rtol=10 * eps)
 
 
 def test_traced_values_that_no_body_has_become_nan():
@@ -335,144 +204,6 @@ def test_traced_values_that_no_body_has_become_nan():
     ratios = jnp.asarray([1.2, 0.9, 1.4])
     found = jax.jit(lambda r: ratio(jr.Block(0.4, 5.0, inertia_ratio=r)))(ratios)
     assert jnp.isnan(found).tolist() == [False, True, False]
-    slopes = jax.grad(lambda r: jnp.nansum(ratio(jr.Block(0.4, 5.0, inertia_ratio=r))))(ratios)
-    assert slopes[1] == 0
-    assert (slopes[::2] < 0).all()
-    angles = jnp.asarray([0.2, 0.2 + 2 * np.pi, -0.2])
-    found = jax.jit(lambda a: ratio(jr.Block.from_parameters(2.0, a)))(angles)
-    assert jnp.isnan(found).tolist() == [False, True, True]
     mass = jnp.asarray([100.0, -100.0])
     found = jax.jit(lambda m: ratio(jr.Block.from_body(0.4, 2.0, m, 3 * m)))(mass)
     assert jnp.isnan(found).tolist() == [False, True]
-
-
-def test_bodies_broadcast_and_keep_their_precision():
-    single = np.float32
-    blocks = jr.Block(single(0.4), single(5.0), inertia_ratio=np.asarray(RATIOS, single))
-    assert blocks.frequency_parameter.shape == (len(RATIOS),)
-    assert jr.Block(single(0.4), single(5.0)).frequency_parameter.dtype == single
-    scene = jr.Scene(blocks, single(0.7), single(0.1))
-    assert jr.rotation_ratio(scene).dtype == single
-    slope = jax.vmap(
-        jax.grad(lambda r: jr.Block(0.4, 5.0, inertia_ratio=r).frequency_parameter)
-    )
-    ratios = jnp.asarray(RATIOS)
-    p = jr.Block(0.4, 5.0, inertia_ratio=ratios).frequency_parameter
-    np.testing.assert_allclose(slope(ratios), -p / (2 * ratios), rtol=1e-5)
-
-
-def test_a_block_says_its_inertia_ratio_unless_it_is_a_rectangle():
-    assert "inertia" not in str(jr.Block(0.4, 5.0))
-    assert "inertia" not in str(jr.Block(0.4, 5.0, inertia_ratio=np.float32(4 / 3)))
-    assert str(jr.Block(0.4, 5.0, inertia_ratio=1.2)).endswith(", inertia ratio 1.2")
-    assert "inertia ratio 1.2 to 1.4" in str(
-        jr.Block(0.4, 5.0, inertia_ratio=np.array([1.2, 1.4]))
-    )
-    printed = []
-    jax.eval_shape(
-        lambda ratio: printed.append(str(jr.Block(0.4, 5.0, inertia_ratio=ratio))),
-        jnp.asarray(1.2),
-    )
-    assert "inertia ratio traced" in printed[0]
-    assert "inertia ratio" in str(jax.tree.map(jax.typeof, jr.Block(0.4, 5.0)))
-
-
-GRID = {"slenderness": [3.0, 6.0, 20.0], "width": [0.2, 0.8], "restitution": 0.7}
-
-
-@pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized", "auto"]))
-def test_resonance_spectra(model, eps):
-    rtol = 1e-2 if model == "auto" else 2000 * eps
-    spectrum = jr.resonance_spectrum(**GRID, intensity=0.12, model=model, inertia_ratio=1.1)
-    assert spectrum.attrs["inertia_ratio"] == 1.1
-    scene = jr.Scene(
-        jr.Block(np.array([[0.1, 0.4]]), np.array([[3.0], [6.0], [20.0]]), inertia_ratio=1.1),
-        0.7,
-        0.12,
-    )
-    exact = "nonlinear" if model == "auto" else model
-    for name, function in {
-        "rotation_ratio": jr.rotation_ratio,
-        "stabilized_period": jr.stabilized_period,
-    }.items():
-        np.testing.assert_allclose(spectrum[name], function(scene, exact), rtol=rtol)
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_spectra_of_driven_motion_depend_on_the_inertia_ratio_by_restitution_only():
-    pulse = jr.Sine(4.0, 0.5)
-    free = {"restitution": 0.9}
-    of_pulse = functools.partial(jr.rocking_spectrum, pulse, [2.0, 3.0, 4.0], 5.0)
-    of_shape = functools.partial(
-        jr.overturning_map, jr.Sine, [2.0, 4.0], amplitude_ratio=[1.5, 4.0]
-    )
-    for spectrum in (of_pulse, of_shape):
-        rectangle = spectrum(**free)
-        body = spectrum(**free, inertia_ratio=1.1)
-        assert body.attrs["inertia_ratio"] == 1.1
-        for name in ("peak_rotation", "margin"):
-            np.testing.assert_allclose(body[name], rectangle[name], rtol=1e-8)
-        own = spectrum()
-        other = spectrum(inertia_ratio=1.1)
-        assert (own.margin != other.margin).any()
-    edges = [
-        jr.overturning_map(jr.Sine, [2.0, 4.0], **free, inertia_ratio=ratio, resolution=0.1)
-        for ratio in (4 / 3, 1.1)
-    ]
-    np.testing.assert_allclose(edges[0].amplitude_ratio, edges[1].amplitude_ratio, rtol=1e-8)
-    assert edges[1].attrs["inertia_ratio"] == 1.1
-
-
-@pytest.mark.float64
-def test_boundary_along_the_inertia_ratio():
-    pulse = jr.HalfSine(4.0, 0.4)
-    slenderness = 5.0
-    width = jr.overturning_boundaries(
-        jr.Block(0.1, slenderness), 0.9, pulse, "half_width", np.linspace(0.05, 0.5, 10)
-    ).value
-    assert width.size == 1
-    block = jr.Block(0.75 * float(width[0]), slenderness)
-    ratios = np.linspace(1.0, 3.0, 9)
-    found = jr.overturning_boundaries(block, 0.9, pulse, "inertia_ratio", ratios)
-    np.testing.assert_allclose(found.value, [16 / 9], rtol=1e-9)
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_costs_of_float32():
-    """What is stated for a body whose inertia ratio is rounded covers what happens."""
-    rng = np.random.default_rng(3)
-    size = 400
-    ratio = rng.uniform(1, 3, size)
-    c = rng.uniform(0.3, 0.8, size)
-    b = 10 ** rng.uniform(-1, 0.5, size)
-    slenderness = rng.uniform(2, 12, size)
-    block = jr.Block(b, slenderness, inertia_ratio=ratio)
-    for model in MODELS:
-        intensity = rng.uniform(0.1, 0.9, size) * jr.critical_intensity(block, c, model=model)
-        scene = jr.Scene(block, c, intensity)
-        bound = jr.accuracy.model_error(scene).rounding[model.name][32]
-        single = jax.tree.map(lambda leaf: jnp.asarray(leaf, np.float32), scene)
-        for name, function in (
-            ("rotation_ratio", jr.rotation_ratio),
-            ("period", jr.stabilized_period),
-        ):
-            exact = function(scene, model)
-            off = np.abs(np.asarray(function(single, model), float) / exact - 1)
-            assert (off <= getattr(bound, name)).all()
-
-
-@pytest.mark.thorough
-def test_assessment_of_a_body():
-    found = jr.reports.assess(jr.Block(0.4, 5.0, inertia_ratio=1.2), 0.7, 0.15)
-    assert found["scene"]["inertia_ratio"] == pytest.approx(1.2)
-    first = str(found).splitlines()[0]
-    assert "0.8 m wide, centre of mass 2 m high, inertia ratio 1.2" in first
-
-
-def test_a_block_without_a_restitution_by_size_is_perhaps_lying():
-    with pytest.raises(ValueError, match=r"^3 m wide and 0.3 m high: exchanged\? If not"):
-        assume_restitution(jr.Block.from_size(width=3.0, height=0.3))
-    with pytest.raises(ValueError, match=r"^1 m wide and 1.2 m high: exchanged\? If not"):
-        assume_restitution(jr.Block.from_size(width=1.0, height=1.2, one_sided=True))

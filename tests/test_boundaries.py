@@ -5,12 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping
-from tools.selection import first_before_release, first_by_default
+from tools.selection import first_by_default
 
 import jaxrock as jr
 
 pytestmark = pytest.mark.float64
-SLOW = pytest.mark.thorough
 
 
 def test_rectangular_pulses_against_housner():
@@ -27,10 +26,7 @@ def test_rectangular_pulses_against_housner():
 
 @pytest.mark.parametrize(
     ("width", "height", "shape", "duration", "expected"),
-    [
-        pytest.param(0.4, 1.2, jr.HalfSine, 0.5, 0.5545859, marks=SLOW),
-        (1.0, 3.0, jr.Sine, 1.0, 0.45154),
-    ],
+    [(1.0, 3.0, jr.Sine, 1.0, 0.45154), (0.4, 1.2, jr.HalfSine, 0.5, 0.5545859)],
 )
 def test_makris_and_roussos(width, height, shape, duration, expected):
     """Recomputed from their equations; they print 0.5545 and 0.4514 g."""
@@ -118,15 +114,9 @@ def test_derivatives(name):
     def found(numbers):
         b, slenderness, c, duration, gravity = numbers
         block = jr.Block(b, slenderness, gravity)
-        return jr.critical_amplitude(
-            block,
-            c,
-            shape,
-            duration,
-            (1.0, 15.0),
-            resolution=0.05,
-            model="linearized" if linearized else "nonlinear",
-        )
+        model = "linearized" if linearized else "nonlinear"
+        options = {"resolution": 0.05, "model": model}
+        return jr.critical_amplitude(block, c, shape, duration, (1.0, 15.0), **options)
 
     at = jnp.asarray([*numbers, 9.81])
     assert bool(found(at).toppled[which]) == (name == "falls flat")
@@ -176,28 +166,6 @@ def test_second_derivatives(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.release
-def test_second_derivatives_of_the_margin_on_a_record():
-    """Of the response itself, adaptively."""
-    record = jr.Record(0.6 * np.array([0, 3, -4, 6, -5, 3, 1, -2, 0.0]), 0.15)
-
-    def margin(at):
-        return jr.respond(jr.Block(at[0], at[1]), at[2], record.scaled(at[3])).margin
-
-    at = np.array([0.2, 5.0, 0.8, 1.0])
-    second = jax.jacfwd(jax.jacfwd(margin))(at)
-    slopes = jax.jit(jax.jacfwd(margin))
-
-    def difference(step):
-        moved = step * np.diag(at)
-        return np.stack([(slopes(at + m) - slopes(at - m)) / (2 * m.sum()) for m in moved])
-
-    extrapolated = (4 * difference(1e-4) - difference(2e-4)) / 3
-    scale = np.abs(extrapolated) + 1e-2 * abs(margin(at)) / np.outer(at, at)
-    np.testing.assert_array_less(np.abs(second - extrapolated), 1e-6 * scale)
-
-
-@pytest.mark.thorough
 def test_derivative_where_nothing_is_lost():
     """At C = 1 two margins vanish at once. From one-sided differences of four sizes."""
     block = jr.Block(0.2, 5.0)
@@ -234,49 +202,6 @@ def test_other_quantities_lead_to_the_same_boundary():
         values = value * np.linspace(0.95, 1.05, 5)
         found = jr.overturning_boundaries(block, c, pulse, along, values)
         assert float(found.value[0]) == pytest.approx(value, rel=1e-9), along
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "along",
-    first_before_release(["half_width", "restitution", "duration", "slenderness"], 2),
-)
-def test_slopes_along_other_quantities(along):
-    """On the threshold surface: how a quantity moves with the amplitude, and the inverse."""
-    numbers = {"half_width": 0.1, "slenderness": 5.0, "restitution": 0.9, "duration": 0.5}
-
-    def amplitude(value):
-        at = numbers | {along: value}
-        block = jr.Block(at["half_width"], at["slenderness"])
-        return jr.critical_amplitude(block, at["restitution"], jr.Sine, at["duration"]).value[
-            0
-        ]
-
-    def quantity(amplitude):
-        value = numbers[along]
-        block = jr.Block(0.1, 5.0)
-        pulse = jr.Sine(amplitude, 0.5)
-        values = value * np.linspace(0.95, 1.05, 5)
-        return jr.overturning_boundaries(block, 0.9, pulse, along, values).value[0]
-
-    there = amplitude(numbers[along])
-    forth = jax.jacfwd(amplitude)(numbers[along])
-    back = jax.jacfwd(quantity)(there)
-    assert float(forth * back) == pytest.approx(1, abs=1e-8)
-
-
-@SLOW
-def test_record():
-    """A boundary below the chaotic ones, against the adaptive integrator."""
-    block = jr.Block(0.3, 3.0)
-    record = jr.example_record()
-    found = jr.overturning_boundaries(block, 0.5, record, "factor", np.linspace(1, 6, 26))
-    assert int(found.count) > 0
-    edge = float(found.value[0])
-    beyond = bool(found.overturns_beyond[0])
-    for factor, expected in ((1 - 1e-6, not beyond), (1 + 1e-6, beyond)):
-        response = jr.respond(block, 0.5, record.scaled(edge * factor), rtol=1e-10)
-        assert bool(response.overturned) == expected
 
 
 @pytest.mark.thorough
@@ -322,40 +247,3 @@ def test_impacts_are_counted_where_the_block_overturns():
     np.testing.assert_array_equal(falls.mode, found.impacts)
     stands = jr.respond_batch(block, 0.9, jr.Sine(np.asarray(found.value) / inward, 0.5), 6.0)
     np.testing.assert_array_equal(stands.mode, -1)
-
-
-@pytest.mark.thorough
-def test_mode_beside_a_narrow_window():
-    """Not that of what lies beyond the window, which stands."""
-    block = jr.Block(0.2, 5.0)
-    factors = jnp.linspace(0.5, 2.5, 41)
-    found = jr.overturning_boundaries(block, 0.9, jr.example_record(), "factor", factors)
-    beyond = jr.example_record().scaled(found.value[0] * (1 + 1e-9))
-    falls = jr.respond_batch(block, 0.9, beyond)
-    assert falls.overturned
-    assert found.impacts[0] == falls.impacts > 200
-
-
-@pytest.mark.thorough
-def test_under_transformations():
-    def edges(slenderness):
-        block = jr.Block(0.1, slenderness)
-        return jr.critical_amplitude(
-            block, 0.9, jr.Sine, 0.5, resolution=0.05, max_boundaries=4
-        )
-
-    direct = jr.critical_amplitude(
-        jr.Block(0.1, jnp.asarray([5.0, 6.0])), 0.9, jr.Sine, 0.5, resolution=0.05
-    )
-    found = jax.jit(jax.vmap(edges))(jnp.asarray([5.0, 6.0]))
-    np.testing.assert_allclose(found.value[:, :3], direct.value, rtol=1e-12)
-    assert np.isnan(found.value[:, 3]).all()
-    np.testing.assert_array_equal(found.count, direct.count)
-    np.testing.assert_array_equal(found.impacts[:, :3], direct.impacts)
-
-
-def test_nothing_there():
-    found = jr.critical_amplitude(jr.Block(1.0, 2.0), 0.5, jr.Sine, 0.1, (1.0, 2.0))
-    assert found.value.shape == (0,)
-    assert int(found.count) == 0
-    assert str(found) == "no boundary: it stands at all of the values examined"

@@ -25,7 +25,6 @@ LENGTH = 6
 SAMPLES = [4.0, 5.0, -2.0, -6.0, 3.0, 5.0, -3.0, 4.0]
 LAST = len(SAMPLES) - 1
 FINAL = slice(0, 4)
-VELOCITY = 1
 IMPACT = 4
 FORCES = slice(5, 7)
 
@@ -148,6 +147,7 @@ def test_ends_starts_and_samples(kind):
         assert close(*pair).all(), (name, pair)
 
 
+@pytest.mark.thorough
 def test_times_within_rounding_of_a_sample():
     """A step that the block's own time ends there, and a duration a little later."""
 
@@ -169,17 +169,6 @@ def test_times_within_rounding_of_a_sample():
     np.testing.assert_allclose(steps, steps[0], rtol=1e-7)
     durations = [differentiate(block, first, 5 * first * (1 + k), 1e-8) for k in apart]
     np.testing.assert_allclose(durations, durations[0], rtol=1e-7)
-
-
-def turning():
-    """A block that turns where its input ends."""
-    x = scene(0.1 + LAST * 0.15)
-    for _ in range(8):
-        found, values = slopes("Record", x[None])
-        x[-2] -= values[0, VELOCITY] / found[0, VELOCITY, -2]
-    assert abs(values[0, VELOCITY]) < 1e-14
-    x[DURATION] += 0.2
-    return x
 
 
 def with_impact(kind, x, toward, number):
@@ -236,14 +225,6 @@ def test_impacts_at_corners(kind):
         near[:, START] *= 1 + 2.0**-52 * np.arange(-2, 3)
         for slope in slopes(kind, near)[0]:
             assert any(close(slope, order).all() for order in orders), (name, slope, orders)
-
-
-@pytest.mark.optimized
-def test_a_turn_at_the_end():
-    x = turning()
-    expected = one_sided("Record", x[None], 1)[0]
-    for slope in slopes("Record", np.stack([x, x * (1 + 1e-15)]))[0]:
-        assert close(slope, expected).all()
 
 
 @pytest.mark.thorough

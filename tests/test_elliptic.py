@@ -3,7 +3,6 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import jaxrock as jr
 from jaxrock.numerics import carlson_rf, jacobi
@@ -88,39 +87,3 @@ def test_motion_on_the_very_verge_has_its_derivatives():
     step = 1e-5
     slope = (rotation(verge + step)[0] - rotation(verge - step)[0]) / (2 * step)
     np.testing.assert_allclose(rotation(verge)[1], slope, rtol=1e-7)
-
-
-@jax.jit
-def motion(block, velocity, time):
-    return jr.Nonlinear().motion(block, velocity, time)
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize("slenderness", [0.2, 1.0, 5.0, 100.0])
-@pytest.mark.parametrize("ratio", [1.001, 1.5, 20.0])
-def test_path_over_the_top_against_integration(slenderness, ratio):
-    """Eq. 1 without input, until the block lies on its side."""
-    model = jr.Nonlinear()
-    block = jr.Block(0.4, slenderness)
-    velocity = ratio * model.critical_velocity(block)
-    p = float(block.frequency_parameter)
-    critical = float(block.critical_angle)
-
-    def on_its_side(t, state):
-        return state[0] - np.pi / 2
-
-    on_its_side.terminal = True
-    solution = solve_ivp(
-        lambda t, state: [state[1], -(p**2) * np.sin(critical - state[0])],
-        (0, 100 / p),
-        [0.0, float(velocity)],
-        method="DOP853",
-        rtol=1e-12,
-        atol=1e-14,
-        dense_output=True,
-        events=on_its_side,
-    )
-    time = np.linspace(0, solution.t[-1], 20)
-    ours = np.array(motion(block, velocity, time))
-    np.testing.assert_allclose(ours, solution.sol(time), rtol=1e-7, atol=1e-9)
-    assert abs(ours[0, -1] - np.pi / 2) < 1e-8

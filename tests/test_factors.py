@@ -65,24 +65,6 @@ def test_slopes_of_the_uplift():
     assert slopes[1] == 0
 
 
-@pytest.mark.thorough
-def test_every_factor_between_standing_and_overturning():
-    """Followed on both sides by the batch; from uplift on, and as often as it changes."""
-    motion = with_vertical()
-    levels = float(uplift_factor(BLOCK, motion)) * np.geomspace(1, 50, 400)
-    found = jr.overturning_boundaries(BLOCK, 0.8, motion, "factor", levels)
-    assert found.complete
-    assert not found.overturns_first
-    assert found.count >= 1
-    for value, beyond in zip(found.value, found.overturns_beyond, strict=True):
-        sides = float(value) * np.array([1 - 1e-9, 1 + 1e-9])
-        falls = jr.respond_batch(BLOCK, 0.8, motion.scaled(sides)).overturned
-        assert falls.tolist() == [not beyond, bool(beyond)]
-    falls = np.asarray(jr.respond_batch(BLOCK, 0.8, motion.scaled(levels)).overturned)
-    changes = np.flatnonzero(falls[1:] != falls[:-1])
-    assert changes.tolist() == (np.searchsorted(levels, found.value) - 1).tolist()
-
-
 def test_of_a_pulse_it_is_the_amplitude():
     """And the block stands again in the windows between the boundaries."""
     slim = jr.Block(0.1, 5.0)

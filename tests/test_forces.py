@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from references import stepping
 from references.forces import Trajectory, pieces_of
-from tools.selection import first_by_default
+from tools.selection import first_before_release, first_by_default
 
 import jaxrock as jr
 
@@ -45,9 +45,7 @@ def scene(rng, kind, bouncing, vertical, inertia_ratio):
 
 def compare(kind, count, seed, bouncing=0.4, vertical=2.5, inertia_ratio=4 / 3):
     rng = np.random.default_rng(seed)
-    worst = 0.0
-    overturned = 0
-    left = 0
+    overturned = left = 0
     for _ in range(count):
         block, c, motion, ground = scene(rng, kind, bouncing, vertical, inertia_ratio)
         settle = 3 / float(block.frequency_parameter)
@@ -64,17 +62,16 @@ def compare(kind, count, seed, bouncing=0.4, vertical=2.5, inertia_ratio=4 / 3):
         assert off < 1e-6, f"{block}, C {c}, {motion}: {r}\n{vars(expected)}"
         assert (abs(float(r.final_rotation)) >= math.pi / 2) == expected.over
         assert expected.over or abs(float(r.final_rotation) - expected.alpha) < 1e-7
-        worst = max(worst, off)
-        overturned = overturned + expected.over
+        overturned += expected.over
         lost = float(np.nan_to_num(r.contact_loss_time, nan=np.inf))
         assert lost == pytest.approx(expected.loss, abs=1e-5)
         left += expected.normal <= 0
-    return worst, overturned, left
+    return overturned, left
 
 
 @pytest.mark.parametrize("kind", first_by_default(["Sine", "Record"]))
 def test_extremes_of_the_forces(kind):
-    _, overturned, _ = compare(kind, 8, 3)
+    overturned, _ = compare(kind, 8, 3)
     assert 0 < overturned < 8
 
 
@@ -120,20 +117,7 @@ def test_a_block_that_is_lifted_at_once_has_not_stood_still(kind):
 
 
 @pytest.mark.thorough
-def test_extremes_of_the_forces_under_a_pulse_that_lifts_at_once():
-    block = jr.Block(0.2, 5.0)
-    pulse = jr.Cosine(4.0, 0.3)
-    expected = Trajectory(
-        stepping.Rocker(0.2, 5.0, 0.9), pieces_of(stepping.pulse("Cosine", 4.0, 0.3)), 0.7
-    )
-    r = jr.respond(block, 0.9, pulse, 1.0, rtol=1e-10)
-    found = float(r.friction_demand), float(r.normal_force)
-    np.testing.assert_allclose(found, (expected.demand, expected.normal), rtol=1e-6)
-    assert found[0] == pytest.approx(0.25043, abs=1e-5)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("inertia_ratio", [1.15, 1.0, 1.8])
+@pytest.mark.parametrize("inertia_ratio", [1.15, 1.8])
 def test_extremes_of_the_forces_of_other_bodies(inertia_ratio):
     compare("HalfSine", 5, 6, inertia_ratio=inertia_ratio)
 
@@ -141,22 +125,15 @@ def test_extremes_of_the_forces_of_other_bodies(inertia_ratio):
 @pytest.mark.thorough
 def test_blocks_that_would_leave_the_ground():
     """The motion is that of the equation, and the forces say that it is none."""
-    _, overturned, left = compare("Record", 8, 5, vertical=8.0)
+    overturned, left = compare("Record", 8, 5, vertical=8.0)
     assert 0 < overturned < 8
     assert left > 4
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "Record",
-        *(pytest.param(shape, marks=pytest.mark.release) for shape in stepping.SHAPES),
-    ],
-)
+@pytest.mark.parametrize("kind", first_before_release(["Record", *stepping.SHAPES], 1))
 def test_extremes_of_the_forces_of_many(kind):
-    worst, overturned, left = compare(kind, 50, 4, 0.8)
-    print(f"{kind}: {worst:.1e} off, {overturned} of 50 overturn, {left} leave the ground")
+    overturned, _ = compare(kind, 50, 4, 0.8)
     assert 10 <= overturned <= 40
 
 
@@ -188,51 +165,6 @@ def test_launched_blocks_that_overturn():
             assert r.overturned
             found = float(r.friction_demand), float(r.normal_force)
             np.testing.assert_allclose(found, expected, rtol=within, atol=within)
-
-
-@pytest.mark.thorough
-def test_states_of_no_step():
-    """Just before an impact, at a turn and at rest the forces are largest in turn."""
-    block = jr.Block(0.3, 4.0)
-    model = jr.Nonlinear()
-    launch = 0.5 * model.critical_velocity(block)
-    end = 0.9 * model.half_cycle_duration(block, launch)
-    q = np.arctan(0.25)
-    square = float((launch / block.frequency_parameter) ** 2)
-    # Free rocking presses least at an impact, where it is fastest.
-    least = 1 - 0.75 * (np.sin(q) ** 2 + square * np.cos(q))
-    for seconds in (end, 1.2 * end):
-        r = jr.respond(block, 0.7, STILL, seconds, velocity=launch)
-        assert float(r.normal_force) == pytest.approx(least, abs=1e-12)
-    r = jr.respond(block, 0.7, STILL, 1.2 * end, rotation=-model.peak_rotation(block, launch))
-    assert float(r.normal_force) == pytest.approx(least, abs=1e-9)
-    ups = np.zeros((2, SAMPLES))
-    ups[:, 1:3] = [[1.0, -1.5], [1.0, -2.0]]
-    with_vertical = jr.Record(ups[0], 0.1, ups[1])
-    r = jr.respond(block, 0.7, with_vertical)
-    assert r.at_rest
-    assert float(r.normal_force) == pytest.approx(1 - 2 / 9.81, rel=1e-14)
-    assert float(r.friction_demand) == pytest.approx(1.5 / 7.81, rel=1e-14)
-
-
-@pytest.mark.thorough
-def test_extremes_between_long_steps():
-    """They are those of the motion, however long the steps are."""
-    rng = np.random.default_rng(5)
-    worst = 0.0
-    for _ in range(12):
-        b = rng.uniform(0.1, 0.6)
-        slenderness = rng.uniform(2, 9)
-        c = rng.uniform(0.3, 0.95)
-        block = jr.Block(b, slenderness)
-        amplitude = 9.81 / slenderness * rng.uniform(0.8, 3.0)
-        pulse = jr.HalfSine(amplitude, rng.uniform(0.1, 1.2))
-        long, short = (
-            jr.respond(block, c, pulse, pulse.end + 2, rtol=rtol, model="linearized")
-            for rtol in (1e-8, 1e-11)
-        )
-        worst = max(worst, abs(float(long.friction_demand / short.friction_demand) - 1))
-    assert worst < 1e-7
 
 
 @pytest.mark.thorough

@@ -5,7 +5,7 @@ import functools
 import jax
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from references import stepping
 
 import jaxrock as jr
 from jaxrock import impact
@@ -31,54 +31,17 @@ def law(monkeypatch):
     jax.clear_caches()
 
 
-def follow(amplitude, duration, end):
-    """The rotation at the end and the highest one on the way, by SciPy."""
-    angle = float(BLOCK.critical_angle)
-    p = float(BLOCK.frequency_parameter)
-
-    def accelerate(time, y, side):
-        push = amplitude * np.sin(2 * np.pi * time / duration) / 9.81 * (time < duration)
-        tilt = angle - y[0]
-        return y[1], -(p**2) * (np.sin(tilt) - side * push * np.cos(tilt))
-
-    def land(time, y, side):
-        return y[0] if time > start + 1e-9 else 1.0
-
-    def turn(time, y, side):
-        return y[1]
-
-    land.terminal = True
-    land.direction = -1
-    start = np.arcsin(9.81 / 5 / amplitude) * duration / (2 * np.pi)
-    y = [0.0, 0.0]
-    side = 1
-    peak = 0.0
-    while start < end:
-        stop = duration if start < duration else end
-        path = solve_ivp(
-            accelerate,
-            (start, stop),
-            y,
-            "DOP853",
-            args=(side,),
-            events=[land, turn],
-            rtol=1e-11,
-            atol=1e-14,
-        )
-        peak = max(peak, path.y[0].max(), *(rows[0] for rows in path.y_events[1]))
-        start = path.t[-1]
-        y = path.y[:, -1]
-        if path.status == 1:
-            side = -side
-            y = [0.0, -(C + LOSS * y[1]) * y[1]]
-    return side * y[0], peak
+class Rocker(stepping.Rocker):
+    def leave(self, velocity):
+        return -(self.c + LOSS * velocity) * velocity
 
 
 @pytest.mark.thorough
 @pytest.mark.float64
 @pytest.mark.usefixtures("law")
 def test_all_motions_give_the_law_a_velocity_in_rad_per_second():
-    expected = follow(4.0, 0.5, 1.5)
+    path = stepping.follow(Rocker(0.2, 5.0, C), stepping.pulse("Sine", 4.0, 0.5), 1.0)
+    expected = [path.rotation[0], path.peak[0]]
     pulse = jr.Sine(4.0, 0.5)
     for respond in (functools.partial(jr.respond, rtol=1e-10), jr.respond_batch):
         driven = respond(BLOCK, C, pulse, 1.5)

@@ -7,14 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from references import stepping
-from scipy.integrate import solve_ivp
 from tools.selection import first_before_release, first_by_default
 
 import jaxrock as jr
 
 BLOCK = jr.Block(0.2, 5.0)
 ANGLE = float(BLOCK.critical_angle)
-NORTH = jr.example_record("north", vertical=True)
 
 
 def draw_blocks(rng, number):
@@ -31,175 +29,36 @@ def draw_blocks(rng, number):
     return half_width, slenderness, restitution, rotation, velocity
 
 
-def draw_motion(kind, rng, slenderness):
-    """Motions on both sides of what lifts the blocks, half of them from time 0 on."""
-    number = slenderness.size
-    amplitude = 9.81 / slenderness * rng.uniform(0.1, 2, number) * rng.choice([-1, 1], number)
-    start = np.where(rng.random(number) < 0.5, 0, rng.uniform(0, 0.5, number))
-    if kind == "harmonic":
-        return jr.Harmonic(amplitude, rng.uniform(5, 25, number), 5, start)
-    if kind == "record":
-        rows = (np.asarray(row)[1100:1500] for row in (NORTH.acceleration, NORTH.vertical))
-        horizontal, vertical = rows
-        return jr.Record(horizontal, 0.01, vertical, rng.uniform(0.2, 1, number), start)
-    return getattr(jr, kind)(amplitude, rng.uniform(0.2, 1, number), start)
-
-
-def pick(tree, k):
-    """One of many; the samples of a record belong to all."""
-    return jax.tree.map(lambda leaf: leaf[k] if leaf.ndim and leaf.size != 400 else leaf, tree)
-
-
 @pytest.mark.thorough
 @pytest.mark.float64
-@pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
+@pytest.mark.parametrize("linearized", [False, True])
 @pytest.mark.parametrize(
-    "kind", first_before_release(["record", "harmonic", "Sine", "Cosine"], 2)
-)
-def test_against_one_block(kind, model):
-    """From either side, towards the ground and away from it, from beyond the critical angle."""
-    rng = np.random.default_rng(1)
-    half_width, slenderness, restitution, rotation, velocity = draw_blocks(rng, 300)
-    motion = draw_motion(kind, rng, slenderness)
-    duration = np.asarray(motion.end) + 1.0
-    found = jr.respond_batch(
-        jr.Block(half_width, slenderness),
-        restitution,
-        motion,
-        duration,
-        rotation=rotation,
-        velocity=velocity,
-        model=model,
-    )
-    assert (found.status == jr.Status.COMPLETE).all()
-    assert 20 < found.overturned.sum() < 280
-    for k in range(300):
-        r = jr.respond(
-            jr.Block(half_width[k], slenderness[k]),
-            restitution[k],
-            pick(motion, k),
-            duration[k],
-            rotation=rotation[k],
-            velocity=velocity[k],
-            model=model,
-            rtol=1e-11,
-        )
-        assert bool(found.overturned[k]) == bool(r.overturned)
-        np.testing.assert_allclose(found.peak_rotation[k], r.peak_rotation, rtol=1e-7)
-        if r.peak_rotation < 1.5:
-            scale = float(r.peak_rotation)
-            np.testing.assert_allclose(found.margin[k], r.margin, atol=1e-6)
-            off = found.final_rotation[k] - r.final_rotation
-            assert abs(float(off)) < 1e-5 * scale
-
-
-KINDS_OF_RELEASE = ["Cosine", "Ricker", "record"]  # half a minute each
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-@pytest.mark.parametrize("linearized", first_by_default([False, True]))
-@pytest.mark.parametrize(
-    "kind",
-    ["Sine", *(pytest.param(kind, marks=pytest.mark.release) for kind in KINDS_OF_RELEASE)],
+    "kind", first_before_release(["Sine", "Cosine", "Ricker", "record"], 1)
 )
 def test_against_an_independent_integration(kind, linearized):
     rng = np.random.default_rng(2)
-    half_width, slenderness, restitution, rotation, velocity = draw_blocks(rng, 200)
+    half_width, slenderness, restitution, rotation, velocity = draw_blocks(rng, 60)
     if kind == "record":
-        samples = np.asarray(NORTH.acceleration)[1100:1200]
-        scale = rng.uniform(0.2, 1, 200)
+        samples = np.asarray(jr.example_record("north").acceleration)[1100:1200]
+        scale = rng.uniform(0.2, 1, 60)
         motion = jr.Record(samples, 0.01, scale=scale)
         ground = stepping.record(samples, 0 * samples, 0.01, scale)
     else:
-        drawn = draw_motion(kind, rng, slenderness)
-        motion = getattr(jr, kind)(drawn.amplitude, drawn.duration)
+        amplitude = 9.81 / slenderness * rng.uniform(0.1, 2, 60) * rng.choice([-1, 1], 60)
+        motion = getattr(jr, kind)(amplitude, rng.uniform(0.2, 1, 60))
         ground = stepping.pulse(kind, motion.amplitude, motion.duration)
     rocker = stepping.Rocker(half_width, slenderness, restitution, linearized)
-    truth = stepping.follow(rocker, ground, 2.0, start=(rotation, velocity))
-    found = jr.respond_batch(
-        jr.Block(half_width, slenderness),
-        restitution,
-        motion,
-        motion.end + 2.0,
-        rotation=rotation,
-        velocity=velocity,
-        model="linearized" if linearized else "nonlinear",
-    )
+    truth = stepping.follow(rocker, ground, 1.0, start=(rotation, velocity))
+    block = jr.Block(half_width, slenderness)
+    model = "linearized" if linearized else "nonlinear"
+    options = {"rotation": rotation, "velocity": velocity, "model": model}
+    found = jr.respond_batch(block, restitution, motion, motion.end + 1.0, **options)
     assert found.complete.all()
     np.testing.assert_array_equal(found.overturned, truth.overturned)
     stands = ~truth.overturned
-    assert 50 < stands.sum() < 180
+    assert 15 < stands.sum() < 55
     np.testing.assert_allclose(found.peak_rotation[stands], truth.peak[stands], rtol=1e-8)
     np.testing.assert_allclose(found.margin[stands], truth.margin[stands], atol=1e-7)
-
-
-def integrate_by_scipy(state, pulse, duration, restitution):
-    """Peak rotation, final rotation and impacts of `BLOCK` by `solve_ivp`, from event to event."""
-    p = np.sqrt(0.75 * 9.81 / (0.2 * np.hypot(1, 5)))
-    rotation, velocity = state
-    side = 1.0 if (velocity if rotation == 0 else rotation) > 0 else -1.0
-    state = side * rotation, side * velocity
-    time = 0.0
-    peak = 0.0
-    impacts = 0
-
-    def accelerate(time, state):
-        acts = float(pulse.start) <= time < float(pulse.end)
-        phase = 2 * np.pi * (time - float(pulse.start)) / float(pulse.duration)
-        push = side * float(pulse.amplitude) * np.sin(phase) * acts / 9.81
-        tilt = ANGLE - state[0]
-        return state[1], p**2 * (push * np.cos(tilt) - np.sin(tilt))
-
-    def land(_, state):
-        return state[0]
-
-    land.terminal = True
-    land.direction = -1.0
-    while time < duration:
-        flight = solve_ivp(
-            accelerate,
-            (time, duration),
-            state,
-            "DOP853",
-            events=land,
-            rtol=1e-11,
-            atol=1e-13,
-            max_step=1e-3,
-        )
-        peak = max(peak, flight.y[0].max())
-        time = flight.t[-1]
-        if flight.t_events[0].size:
-            impacts += 1
-            side = -side
-            state = 0.0, -restitution * flight.y[1, -1]
-    return peak, side * flight.y[0, -1], impacts
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize(
-    "state",
-    first_by_default(
-        [
-            (-0.5 * ANGLE, 0.3),
-            (1.1 * ANGLE, -0.7),
-            (0.9 * ANGLE, 0.0),
-            (0.0, -0.4),
-            (0.0, 0.4),
-        ],
-        2,
-    ),
-)
-def test_against_scipy(state):
-    pulse = jr.Sine(1.5, 0.4, start=0.3)
-    peak, final, impacts = integrate_by_scipy(state, pulse, 1.5, 0.9)
-    rotation, velocity = state
-    found = jr.respond_batch(BLOCK, 0.9, pulse, 1.5, rotation=rotation, velocity=velocity)
-    assert found.complete
-    assert int(found.impacts) == impacts
-    # The peak is the largest of steps of 1 ms.
-    np.testing.assert_allclose(found.peak_rotation, peak, rtol=1e-5)
-    np.testing.assert_allclose(found.final_rotation, final, rtol=1e-7)
 
 
 signs_and_sizes = st.floats(-1.4, 1.4).filter(lambda x: x == 0 or abs(x) > 1e-3)
@@ -223,14 +82,8 @@ def test_mirror_symmetry(rotation, velocity, strength, start, motion):
         if motion is jr.Harmonic
         else motion(amplitude, 0.5, start)
     )
-    found = jr.respond_batch(
-        BLOCK,
-        0.9,
-        scene,
-        2.5,
-        rotation=both * rotation * ANGLE,
-        velocity=both * velocity,
-    )
+    state = {"rotation": both * rotation * ANGLE, "velocity": both * velocity}
+    found = jr.respond_batch(BLOCK, 0.9, scene, 2.5, **state)
     assert found.complete.all()
     for name in ("peak_rotation", "overturned", "margin", "impacts", "mode"):
         one, other = np.asarray(getattr(found, name))
@@ -268,9 +121,10 @@ def test_derivatives_against_differences(solver, kind):
             np.testing.assert_allclose(derive(at)[:, k], slope, rtol=2e-5, atol=2e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.float64
-@pytest.mark.parametrize("solver", first_by_default([jr.respond_batch, jr.respond]))
-@pytest.mark.parametrize("name", first_by_default(["velocity", "rotation"]))
+@pytest.mark.parametrize("solver", [jr.respond_batch, jr.respond])
+@pytest.mark.parametrize("name", ["velocity", "rotation"])
 def test_a_block_at_rest_forgets_a_small_push(solver, name):
     """Before the input lifts it: the derivative is 0, as differences are."""
 
@@ -314,16 +168,6 @@ def test_impacts_that_stop_a_block(name):
         np.testing.assert_allclose(found.peak_rotation, truth.peak[0], rtol=tolerance)
         np.testing.assert_allclose(found.final_rotation, truth.rotation[0], rtol=tolerance)
         np.testing.assert_allclose(found.margin, truth.margin[0], rtol=10 * tolerance)
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize("rtol", [1e-5, 1e-9, 1e-13])
-def test_a_block_that_lands_against_a_push_overturns(rtol):
-    """Both give 0.386268253 for C = 1e-9, and so does `respond` for C = 0."""
-    pulse = jr.Rectangular(3.0, 1.0)
-    found = jr.respond_batch(BLOCK, 0.0, pulse, rotation=0.15, velocity=-1.0, rtol=rtol)
-    assert float(found.final_rotation) == pytest.approx(0.3862682532, abs=max(rtol, 1e-9))
-    assert found.overturned
 
 
 @pytest.mark.float64
@@ -371,49 +215,15 @@ def test_states_at_the_edges():
 @pytest.mark.thorough
 @pytest.mark.float64
 def test_arrays_of_states_broadcast():
-    """With the records of a suite, and with blocks; what one does depends on no other."""
-    suite = jr.Suite([pick(NORTH, ...), jr.example_record("east")])
-    rotation = np.array([[0.1], [-0.02]]) * np.ones(3)
-    velocity = np.array([0.0, 0.2, -0.3])
-    block = jr.Block(np.array([0.2, 0.3, 0.4]), 5.0)
-    found = jr.respond_batch(block, 0.8, suite, 12.0, rotation=rotation, velocity=velocity)
-    assert found.peak_rotation.shape == (2, 2, 3)
-    alone = jr.respond_batch(
-        jr.Block(0.3, 5.0), 0.8, suite[1], 12.0, rotation=-0.02, velocity=0.2
-    )
-    assert alone.peak_rotation == found.peak_rotation[1, 1, 1]
+    """What one does depends on no other, and traced states out of range give NaN."""
 
     @jax.jit
     @jax.vmap
-    def respond(rotation, velocity):
-        return jr.respond_batch(
-            BLOCK, 0.8, jr.Sine(3.0, 0.5), 2.0, rotation=rotation, velocity=velocity
-        )
+    def respond(rotation):
+        return jr.respond_batch(BLOCK, 0.8, jr.Sine(3.0, 0.5), 2.0, rotation=rotation)
 
     rotation = jnp.array([0.1, -0.05, jnp.nan, 1.7])
-    mapped = respond(rotation, jnp.full(4, 0.1))
-    together = jr.respond_batch(
-        BLOCK, 0.8, jr.Sine(3.0, 0.5), 2.0, rotation=rotation[:2], velocity=0.1
-    )
+    mapped = respond(rotation)
+    together = jr.respond_batch(BLOCK, 0.8, jr.Sine(3.0, 0.5), 2.0, rotation=rotation[:2])
     np.testing.assert_allclose(mapped.peak_rotation[:2], together.peak_rotation, rtol=1e-9)
     assert mapped.status.tolist() == [0, 0, jr.Status.INVALID, jr.Status.INVALID]
-    assert np.isnan(mapped.peak_rotation[2:]).all()
-
-
-@pytest.mark.parametrize("solver", [jr.respond, jr.respond_batch])
-@pytest.mark.parametrize(
-    ("state", "words"),
-    [
-        ({"rotation": 1.6}, "rotation must be between -pi / 2 and pi / 2, got 1.6"),
-        ({"rotation": np.nan}, "rotation must be between -pi / 2 and pi / 2, got nan"),
-        ({"velocity": np.inf}, "velocity must be finite, got inf"),
-    ],
-)
-def test_bad_states(solver, state, words):
-    with pytest.raises(ValueError, match=words):
-        solver(BLOCK, 0.9, jr.Sine(3.0, 0.5), 1.0, **state)
-
-
-def test_states_whose_shapes_do_not_fit():
-    with pytest.raises(ValueError, match=r"got amplitude of \(2,\), rotation of \(3,\)"):
-        jr.respond_batch(BLOCK, 0.9, jr.Sine(np.ones(2), 0.5), 1.0, rotation=np.zeros(3))

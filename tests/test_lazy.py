@@ -13,12 +13,11 @@ import jax
 import pytest
 import xarray
 from distributed import Client, LocalCluster
-from tables.grids import AXES, GRIDS, record
+from tables.grids import AXES, GRIDS
 from tools.selection import some_by_default
 
 import jaxrock as jr
 from jaxrock.grids import write_zarr, zarr_store
-from jaxrock.spectra import resonance
 
 
 def assert_equal(found, expected):
@@ -37,7 +36,7 @@ def grid(**changes):
     return jr.resonance_spectrum(**axes | {"chunks": {"slenderness": 2}} | changes)
 
 
-@pytest.mark.parametrize("name", some_by_default(GRIDS, {"resonance", "rocking"}))
+@pytest.mark.parametrize("name", some_by_default(GRIDS, {"resonance"}))
 def test_chunks_change_nothing(name):
     function, chunks = GRIDS[name]
     whole = function()
@@ -51,20 +50,6 @@ def test_chunks_change_nothing(name):
     assert_equal(function(chunks="auto").compute(), whole)
 
 
-def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
-    asked = []
-
-    def count(function, points, *rest, single=resonance._compute_at_points):
-        asked.append(points.shape[1])
-        return single(function, points, *rest)
-
-    monkeypatch.setattr(resonance, "_compute_at_points", count)
-    made = grid()
-    assert asked == []
-    made.sel(slenderness=9.0, width=0.8, restitution=0.6).compute(scheduler="synchronous")
-    assert asked == [6]  # the last chunk, one slenderness
-
-
 @pytest.mark.float64
 def test_precision_is_the_one_of_who_made_the_dataset():
     made = grid()
@@ -76,34 +61,7 @@ def test_precision_is_the_one_of_who_made_the_dataset():
     assert_equal(found, grid(chunks=None))
 
 
-@pytest.mark.thorough
-def test_a_map_lists_what_there_is():
-    """As many boundaries as there are; a lazy map has room for the lowest ones."""
-    make = functools.partial(jr.overturning_map, jr.Sine, [0.5, 4.0], restitution=0.9)
-    whole = make()
-    assert whole["count"].values.tolist() == [1, 3]
-    assert whole.sizes["boundary"] == 3
-    made = make(chunks={"frequency_ratio": 1})
-    assert made.sizes["boundary"] == 16
-    assert_equal(made.compute().isel(boundary=slice(3)), whole)
-
-
-def test_factors_are_those_on_the_motion():
-    motion = record(200, 3)
-    whole = jr.rocking_spectrum(motion, [1.0, 2.0], 4.0, 0.8, factor=[0.5, 2.0])
-    alone = jr.rocking_spectrum(motion.scaled(2.0), [1.0, 2.0], 4.0, 0.8)
-    xarray.testing.assert_allclose(whole.sel(factor=2.0, drop=True), alone, rtol=1e-12)
-
-
-def test_without_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "dask", None)
-    with pytest.raises(
-        ModuleNotFoundError, match=r"dask is .* 'jaxrock\[cluster\]' brings it"
-    ):
-        grid()
-
-
-@pytest.mark.parametrize("intensity", [0.15, 30.0])  # all of these overturn: NaN throughout
+@pytest.mark.parametrize("intensity", [0.15, 30.0])  # where all overturn: NaN throughout
 def test_a_store_is_continued(tmp_path, monkeypatch, intensity):
     """A region without its flag is computed again, whatever was written of it."""
     path = tmp_path / "new" / "grid.zarr"
@@ -187,11 +145,7 @@ def test_what_is_something_else_stays_as_it_is(tmp_path):
 @pytest.mark.parametrize(
     ("chunks", "name", "message"),
     [
-        (
-            {"slenderness": 2},
-            "file/grid.zarr",
-            r"store: the folder .*file.* cannot be written",
-        ),
+        ({"slenderness": 2}, "file/grid.zarr", "store: the folder .*file.* cannot be written"),
         (None, "grid.zarr", "dataset must be lazy"),
         ({"slenderness": (1, 3, 1)}, "grid.zarr", "uniform chunk sizes"),
     ],

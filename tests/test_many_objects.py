@@ -3,7 +3,6 @@
 import jax
 import numpy as np
 import pytest
-import xarray
 from references.half_sine_rates import DURATIONS, closed_rate, hazard, pulses, verge
 from scipy import stats
 
@@ -13,20 +12,6 @@ HALF_WIDTHS = np.array([0.2, 0.25, 0.32])
 RESTITUTIONS = np.array([0.8, 0.85, 0.9])
 BLOCKS = jr.Block(HALF_WIDTHS, 4.0)
 LINEARIZED = {"model": "linearized"}
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_fragility_of_many_is_that_of_each():
-    uncertain = jr.Uncertain({"half_width": 0.1, "restitution": 0.05}, samples=4)
-    arguments = (pulses(50), np.geomspace(0.9, 3.0, 5))
-    options = {**LINEARIZED, "uncertain": uncertain}
-    many = jr.risk.fragility(BLOCKS, RESTITUTIONS, *arguments, **options)
-    one = jr.risk.fragility(
-        jr.Block(HALF_WIDTHS[2], 4.0), RESTITUTIONS[2], *arguments, **options
-    )
-    alone = many.isel(object=2, drop=True)
-    xarray.testing.assert_allclose(alone, one, rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.thorough

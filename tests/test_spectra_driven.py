@@ -6,21 +6,6 @@ import pytest
 import jaxrock as jr
 
 
-@pytest.mark.thorough
-def test_rocking_spectrum():
-    record = jr.example_record().scaled(1.5)
-    found = jr.rocking_spectrum(record, [2.0, 4.0], np.array([4.0, 6.0]), [0.7, 0.9])
-    assert dict(found.sizes) == {"free_period": 2, "slenderness": 2, "restitution": 2}
-    half_diagonal = 0.75 * 9.81 * (4.0 / (2 * np.pi)) ** 2
-    block = jr.Block(half_diagonal / np.sqrt(37), 6.0)
-    assert float(2 * np.pi / block.frequency_parameter) == pytest.approx(4.0, rel=1e-6)
-    one = jr.respond_batch(block, 0.9, record, record.end)
-    point = found.sel(free_period=4.0, slenderness=6.0, restitution=0.9)
-    assert float(point.peak_rotation) == pytest.approx(float(one.peak_rotation), rel=1e-3)
-    ratio = float(point.rotation_ratio) * float(block.critical_angle)
-    assert ratio == pytest.approx(float(point.peak_rotation), rel=1e-5)
-
-
 @pytest.mark.float64
 def test_responses_over_the_plane():
     """Housner's threshold lies between the amplitudes on its sides, for every size."""
@@ -49,14 +34,6 @@ def test_overturning_map():
     assert set(found.impacts.values[np.isfinite(edges)].tolist()) <= {0, 1, 2}
     linear = jr.overturning_map(jr.Rectangular, np.pi, model="linearized")  # p t1 = 1
     assert float(linear.amplitude_ratio[0]) == pytest.approx(1.5819767068693265, rel=1e-9)
-
-
-def test_chunks_change_nothing(monkeypatch):
-    plane = ([2.0, 3.0], (1.0, 10.0))
-    whole = jr.overturning_map(jr.Sine, *plane, amplitude_ratio=np.linspace(1, 4, 7))
-    monkeypatch.setattr("jaxrock.spectra.overturning.LARGEST", 4)
-    parts = jr.overturning_map(jr.Sine, *plane, amplitude_ratio=np.linspace(1, 4, 7))
-    assert whole.identical(parts)
 
 
 @pytest.mark.float64

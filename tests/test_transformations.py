@@ -16,7 +16,7 @@ import jaxtyping
 import numpy as np
 import pytest
 from tables.closed_form_cases import CASES, NAMES
-from tools.selection import first_by_default
+from tools.selection import first_by_default, some_by_default
 
 import jaxrock as jr
 
@@ -52,7 +52,7 @@ def test_shapes_and_precision(name):
     assert grid.dtype == one.dtype == np.float32
 
 
-@pytest.mark.parametrize("name", first_by_default(ONE_OF_EACH_KIND, 5))
+@pytest.mark.parametrize("name", first_by_default(ONE_OF_EACH_KIND, 2))
 def test_transformations(name):
     """A grid of the first argument against the others, point by point; one program for all."""
     dtype = jnp.result_type(float)
@@ -82,78 +82,6 @@ def test_transformations(name):
 
 
 BLOCK = jr.Block(0.4, 5.0)
-
-
-def over_intensities(function):
-    return lambda i: function(jr.Scene(BLOCK, 0.7, i)), [0.1, 5.0, 0.15]
-
-
-def one_by_one(function):
-    return lambda values: jnp.stack([function(value) for value in values])
-
-
-def phase_of(c):
-    return jr.steady.pulsed_phase(jr.Block(0.2, 5.0), c, jr.HalfSine(6.0, 0.02))
-
-
-def harmonic(amplitude):
-    return jr.steady.harmonic_orbit(
-        BLOCK, 0.9, amplitude, 4.0, model="linearized"
-    ).peak_rotation
-
-
-# Values of one quantity, one of which has no answer.
-PARTLY = {
-    "rotation_ratio": over_intensities(jr.rotation_ratio),
-    "nonlinear rotation_ratio": over_intensities(
-        lambda s: jr.rotation_ratio(s, jr.Nonlinear())
-    ),
-    "stabilized_rotation": over_intensities(jr.stabilized_rotation),
-    "stabilized_period": over_intensities(jr.stabilized_period),
-    "nonlinear stabilized_period": over_intensities(
-        lambda s: jr.stabilized_period(s, jr.Nonlinear())
-    ),
-    "amplification": over_intensities(jr.amplification),
-    "overturning_half_cycle": over_intensities(jr.overturning_half_cycle),
-    "critical_restitution": (
-        lambda i: jr.resonance.critical_restitution(BLOCK, i),
-        [0.3, 50.0, 0.4],
-    ),
-    "hazard": (jr.risk.Hazard([0.1, 1.0], [1e-2, 1e-4]), [0.3, 5.0, 0.7]),
-    "pulsed_phase": (one_by_one(lambda c: phase_of(c).rotation_ratio), [0.5, 0.7, 0.9]),
-    "pulsed_phase period": (one_by_one(lambda c: phase_of(c).period), [0.5, 0.7, 0.9]),
-    "critical_pulsed_amplitude": (
-        one_by_one(
-            lambda d: (
-                jr.steady.critical_pulsed_amplitude(
-                    jr.Block(0.49841, 8.1018), 0.6598, jr.HalfSine, d
-                ).amplitude
-            )
-        ),
-        [0.05, 1.9552, 0.06],
-    ),
-    "harmonic_orbit": (harmonic, [0.5, 500.0, 0.6]),
-}
-
-
-@pytest.mark.float64
-@pytest.mark.parametrize("name", first_by_default(list(PARTLY), 2))
-def test_what_does_not_exist_has_no_derivative(name):
-    """Masked on the value, sums over the others have theirs, in both modes."""
-    function, values = PARTLY[name]
-    values = jnp.asarray(values)
-    exist = np.isfinite(function(values))
-    assert 0 < exist.sum() < 3, function(values)
-
-    def masked(values):
-        answers = function(values)
-        return jnp.where(jnp.isfinite(answers), answers, 0).sum()
-
-    backward = jax.grad(masked)(values)
-    forward = jax.jacfwd(masked)(values)
-    np.testing.assert_allclose(backward, forward, rtol=1e-10)
-    assert np.isfinite(backward).all()
-    assert (np.asarray(backward)[~exist] == 0).all()
 
 
 PULSE = jr.HalfSine(4.0, 0.4)
@@ -222,16 +150,6 @@ CALLED_WITH = {
 }
 ROWS = re.findall(r"^\| (`.+) \| (\w+) \| (\w+) \| (\w+) \|$", PAGE.read_text(), re.MULTILINE)
 STATED = {name: marks for names, *marks in ROWS for name in re.findall(r"`(\w+)`", names)}
-# Tracing the loops of these takes seconds.
-SLOW = (
-    "pulsed_phase",
-    "critical_amplitude",
-    "critical_pulsed_amplitude",
-    "overturning_boundaries",
-    "respond",
-    "overturning_rate",
-    "required_value",
-)
 
 
 def test_the_page_states_all_functions():
@@ -242,7 +160,8 @@ def test_the_page_states_all_functions():
 
 @pytest.mark.float64
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.thorough] * (n in SLOW)) for n in STATED]
+    "name",
+    some_by_default(STATED, {"rotation_ratio", "respond_batch", "choose", "worst_train"}),
 )
 def test_the_page_says_which_transformations_work(name, monkeypatch):
     """Traced only, which shows it: nothing is compiled."""

@@ -5,7 +5,6 @@ record with more samples on its lines is the same ground motion, and ends steps 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -15,10 +14,6 @@ from references import stepping
 from tools.selection import some_by_default
 
 import jaxrock as jr
-from jaxrock.driven import Batch
-from jaxrock.driven.many_blocks import to_tolerance
-from jaxrock.driven.many_blocks.prepared_blocks import StepControl
-from jaxrock.driven.many_blocks.respond_many import simulate_batch
 
 pytestmark = pytest.mark.float64
 
@@ -159,37 +154,6 @@ def assert_certificates(kind, seed, size, few):
 @pytest.mark.parametrize("kind", some_by_default(KINDS, {"pulses"}))
 def test_what_is_certified_is_true(kind):
     assert_certificates(kind, 1, 150 if kind in ("windows", "sines") else 1000, 0)
-
-
-def test_companions_are_less_accurate_in_the_same_steps():
-    """Under a record all three end their steps at the samples, at one tolerance."""
-    blocks = jr.Block(np.linspace(0.5, 0.9, 50), 4.0)
-    record = jr.Record(4 * np.sin(2 * np.pi * 0.05 * np.arange(21)), 0.05)
-    batch = Batch.of(blocks, np.asarray(0.7), record, rtol=1e-5)
-    control = StepControl(batch.control.tolerance, np.array([[0.0], [1.0], [2.0]]))
-    response, *_ = simulate_batch(replace(batch, control=control), jr.Nonlinear())
-    truth = np.asarray(jr.respond_batch(blocks, 0.7, record, rtol=1e-13).peak_rotation)
-    error = np.abs(response.peak_rotation / truth - 1)
-    assert (error[0] < 1e-11).all()
-    assert (error[1:] > 7 * error[0]).all()
-    assert (error[1:] < 1e-8).all()
-
-
-def test_companions_of_blocks_that_impacts_stop(monkeypatch):
-    """With C = 0 they have bounces that the response has not, and sums over impacts as well."""
-    simulations = []
-
-    def simulate(batch, model):
-        simulations.append((batch.restitution, simulate_batch(batch, model)))
-        return simulations[-1][1]
-
-    monkeypatch.setattr(to_tolerance, "simulate_batch", simulate)
-    scenes = draw_harmonic(1, 1000)
-    jr.respond_within(scenes.blocks, 0.0, scenes.make(1), 1e-4)
-    restitution, simulated = simulations[0]
-    assert np.max(restitution[:2]) == 0
-    assert 0 < np.min(restitution[2]) <= np.max(restitution[2]) < 1e-13
-    np.testing.assert_array_equal(simulated.impact_sum > 0, simulated.response.impacts > 0)
 
 
 def cast(tree, dtype):

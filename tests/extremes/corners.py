@@ -1,7 +1,7 @@
 """The corners of the closed forms: where, of what, how accurate, and what is known not to be.
 
 A cell is a function at a corner in one precision: its value, its gradient to the five
-numbers of a scene, or its Hessian. It meets the bounds below, or stands in `LIMITS`.
+numbers of a scene, or its Hessian. It meets the bounds below.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,6 @@ from references import closed_forms
 import jaxrock as jr
 
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
-QUANTITIES = ("value", "gradient", "Hessian")
 MODELS = {"Linearized": jr.Linearized(), "Nonlinear": jr.Nonlinear()}
 BASE = {"b": 0.4, "slenderness": 5.0, "gravity": 9.81, "restitution": 0.7, "intensity": 0.15}
 
@@ -130,33 +129,25 @@ def velocity_of(b, slenderness, gravity, restitution, intensity, count):
 
 
 def _functions():
-    yield (
-        "launch_velocity",
-        Function(
-            lambda *a: jr.launch_velocity(scene(*a)),
-            lambda *a: velocity_of(*a, 1),
-            "Linearized",
+    for name, ours, count, kind in (
+        ("launch_velocity", jr.launch_velocity, 1, "finite"),
+        (
+            "half_cycle_velocity(1e6)",
+            lambda s: jr.half_cycle_velocity(s, 1e6),
+            10**6,
             "finite",
         ),
-    )
-    yield (
-        "half_cycle_velocity(1e6)",
-        Function(
-            lambda *a: jr.half_cycle_velocity(scene(*a), 1e6),
-            lambda *a: velocity_of(*a, 10**6),
-            "Linearized",
-            "finite",
-        ),
-    )
-    yield (
-        "stabilized_velocity",
-        Function(
-            lambda *a: jr.stabilized_velocity(scene(*a)),
-            lambda *a: velocity_of(*a, mp.inf),
-            "Linearized",
-            "velocity",
-        ),
-    )
+        ("stabilized_velocity", jr.stabilized_velocity, mp.inf, "velocity"),
+    ):
+        yield (
+            name,
+            Function(
+                lambda *a, f=ours: f(scene(*a)),
+                lambda *a, n=count: velocity_of(*a, n),
+                "Linearized",
+                kind,
+            ),
+        )
     for model_name, model in MODELS.items():
         theirs = getattr(closed_forms, model_name)
         for name in (
@@ -200,8 +191,6 @@ def _critical_intensity(theirs, b, slenderness, gravity, restitution, count):
 
 
 FUNCTIONS = dict(_functions())
-# What takes long to compile.
-SLOW = ("Nonlinear stabilized_period", "Nonlinear amplification")
 
 
 class Exact(NamedTuple):

@@ -5,11 +5,8 @@ import corners
 import driven
 import jax
 import jax.numpy as jnp
-import limits
-import mpmath as mp
 import numpy as np
 import pytest
-import table
 from tools.selection import some_by_default
 
 import jaxrock as jr
@@ -31,57 +28,34 @@ def precision():
     return jnp.result_type(float).name
 
 
-def check(failed, subject, precision, quantities):
-    known = limits.of(subject, precision, quantities)
-    new = {cell: why for cell, why in failed.items() if cell not in known}
-    assert not new, "not within the bound"
-    assert not known - set(failed), "no limit any more: take it out of the table"
+# The known limit, see README.md; a cell that is within its bound must not be here.
+LIMITS = {("for an hour", "gradient")}
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_closed_form(name, precision):
-    check(closed.failures(name, precision), name, precision, corners.QUANTITIES)
+    assert closed.failures(name, precision) == {}
 
 
 @pytest.mark.float64
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", corners.FUNCTIONS)
-def test_closed_form_in_float32(name):
-    check(closed.failures(name, "float32"), name, "float32", corners.QUANTITIES)
-
-
-@pytest.mark.float64
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", corners.FUNCTIONS)
-def test_closed_form_in_reverse_mode(name):
-    found = closed.failures(name, "float64", reverse=True)
-    check(found, name, "float64", corners.QUANTITIES)
+def test_closed_form_in_float32_and_in_reverse_mode(name):
+    assert closed.failures(name, "float32") == {}
+    assert closed.failures(name, "float64", reverse=True) == {}
 
 
 @pytest.mark.parametrize("model_name", corners.MODELS)
 def test_overturning_half_cycle(model_name, precision):
-    found = closed.count_failures(model_name, precision)
-    check(found, f"{model_name} overturning_half_cycle", precision, corners.QUANTITIES)
-
-
-@pytest.mark.thorough
-def test_respond(precision):
-    found = driven.failures("respond", precision)
-    check(found, "respond", precision, ("value", "gradient"))
-
-
-@pytest.mark.thorough
-def test_respond_batch(precision):
-    found = driven.failures("respond_batch", precision)
-    check(found, "respond_batch", precision, ("value", "gradient"))
+    assert closed.count_failures(model_name, precision) == {}
 
 
 @pytest.mark.float64
 @pytest.mark.thorough
 @pytest.mark.parametrize("solver", driven.SOLVERS)
-def test_driven_in_float32(solver):
-    found = driven.failures(solver, "float32")
-    check(found, solver, "float32", ("value", "gradient"))
+@pytest.mark.parametrize("precision", corners.PRECISIONS)
+def test_driven_motion(solver, precision):
+    assert driven.failures(solver, precision).keys() == LIMITS
 
 
 @pytest.mark.float64
@@ -89,8 +63,7 @@ def test_driven_in_float32(solver):
 @pytest.mark.release
 @pytest.mark.parametrize("solver", driven.SOLVERS)
 def test_second_derivatives_of_driven_motion(solver):
-    found = driven.failures(solver, "float64", hessian=True)
-    check(found, solver, "float64", corners.QUANTITIES)
+    assert driven.failures(solver, "float64", hessian=True).keys() == LIMITS
 
 
 @pytest.mark.float64
@@ -143,23 +116,3 @@ def test_record_at_10_khz(solver):
     slopes = jax.jit(jax.jacfwd(of_record))(at)
     expected = jax.jit(jax.jacfwd(of_pulse))(at)
     np.testing.assert_allclose(slopes, expected, rtol=2e-5, atol=1e-6)
-
-
-def test_table_is_as_printed():
-    assert table.FILE.read_text(encoding="utf-8") == table.text()
-
-
-def test_limits_name_cells_that_are_there():
-    for subject, corner, precision, quantity in limits.KNOWN:
-        driven_cells = (
-            (corner in driven.CASES[precision]) if subject in driven.SOLVERS else False
-        )
-        assert driven_cells or (subject in corners.FUNCTIONS and corner in corners.CORNERS)
-        assert quantity in corners.QUANTITIES
-
-
-def test_sum_of_powers():
-    for count in (1, 2, 3, 6, 13):
-        for ratio in (mp.mpf(0), mp.mpf("0.7"), mp.mpf(1)):
-            expected = sum(ratio**k for k in range(count))
-            assert mp.almosteq(corners.sum_of_powers(ratio, count), expected, rel_eps=1e-60)

@@ -188,29 +188,3 @@ def critical_restitution(model, b, slenderness, gravity, restitution, intensity,
         return sum(c**k for k in range(count)) - single / intensity
 
     return mp.findroot(excess, mp.mpf(1), tol=mp.mpf(10) ** (-1.6 * mp.mp.dps))
-
-
-def oscillator_motion(omega, xi, velocity, time):
-    """Eq. 16: displacement and velocity."""
-    damped = omega * mp.sqrt(1 - xi**2)
-    decay = mp.exp(-xi * omega * time) * velocity
-    sine = mp.sin(damped * time)
-    cosine = mp.cos(damped * time)
-    return decay / damped * sine, decay * (cosine - xi * omega / damped * sine)
-
-
-def oscillator_velocity(xi, intensity, count):
-    """Eq. 20, its recursion; Eq. 21 where count is inf."""
-    decay = mp.exp(-xi * mp.pi / mp.sqrt(1 - xi**2))  # Eq. 18
-    if count == mp.inf:
-        return intensity / (1 - decay)
-    velocity = intensity
-    for _ in range(int(count) - 1):
-        velocity = velocity * decay + intensity
-    return velocity
-
-
-def oscillator_peak(omega, xi, velocity):
-    """The largest value of Eq. 16."""
-    damped = omega * mp.sqrt(1 - xi**2)
-    return oscillator_motion(omega, xi, velocity, mp.atan2(damped, xi * omega) / damped)[0]

@@ -95,6 +95,20 @@ def record(horizontal, vertical, step, scale=1.0):
     return Ground(np.broadcast_to(edges, (scale.size, edges.size)), value)
 
 
+def harmonic(amplitude, frequency, cycles, phase=0.0):
+    """Sines of so many periods, from time 0 on."""
+    amplitude, frequency, phase = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(x, float)) for x in (amplitude, frequency, phase))
+    )
+    turns = np.r_[0, np.arange(2 * cycles) / 2 + 0.25, cycles] * 2 * np.pi
+
+    def value(motion, piece, time):
+        angle = phase[motion] + turns[piece] + frequency[motion] * time
+        return amplitude[motion] * np.sin(angle), np.zeros_like(angle)
+
+    return Ground(turns / frequency[:, None], value)
+
+
 def within(ground, start, duration):
     """The motions from `start` on, as far as they are followed, and how long after their end."""
     start = np.asarray(start, float)[:, None]
@@ -135,7 +149,7 @@ class Rocker:
 
     def of(self, which, size):
         """Some of the blocks, of which there are `size` in all."""
-        some = object.__new__(Rocker)
+        some = object.__new__(type(self))
         some.linearized = self.linearized
         some.one_sided = self.one_sided
         for name in ("angle", "radius", "p", "c", "gravity", "tangent"):
@@ -150,6 +164,10 @@ class Rocker:
         if self.linearized:
             return -(self.p**2) * (upright * q - sideways)
         return -(self.p**2) * (upright * np.sin(q) - sideways * np.cos(q))
+
+    def leave(self, velocity):
+        """Outward velocity after an impact at a velocity."""
+        return -self.c * velocity
 
     def excess(self, side, ground):
         """What the ground has to one side over what lifts the block."""
@@ -414,7 +432,7 @@ class _Motion:
             velocity = self.side[each] * self.v[each]
             self.impacts[each].append((begin + self.time[each], velocity))
             self.active[each] &= len(self.impacts[each]) != self.landings
-        speed = -some.c * self.v[k]
+        speed = some.leave(self.v[k])
         if not some.one_sided:
             self.side[k] = -self.side[k]
         onward = self.field(k)(self.time[k], np.zeros(k.size))
@@ -454,12 +472,30 @@ def follow(rocker, ground, settle=None, rtol=1e-12, start=(0.0, 0.0), landings=N
     )
 
 
+def count_strong(velocities):
+    """Count the impacts that are not tiny bounces."""
+    speeds = np.abs(velocities)
+    return int((speeds > STRONG * speeds.max(initial=0.0)).sum())
+
+
+NUMBERS = ["half_width", "slenderness", "restitution", "amplitude", "duration"]
+
+
 def _write(path, names, rows, mode="w"):
     with open(path, mode, newline="", encoding="utf-8") as out:
         writer = csv.writer(out, lineterminator="\n")
         if mode == "w":
-            writer.writerow(names.split())
+            writer.writerow(names)
         writer.writerows(rows)
+
+
+def _list_rows(shape, numbers, *answers):
+    columns = [column.tolist() for column in (*numbers, *answers)]
+    return [(shape, *map(repr, row)) for row in zip(*columns, strict=True)]
+
+
+def _round(*numbers):
+    return np.array([[float(f"{x:.6g}") for x in column] for column in numbers])
 
 
 def _ridgecrest(rng):
@@ -480,11 +516,10 @@ def _ridgecrest(rng):
         some = [case for case in cases if case[3:5] == (component, vertical)]
         b, slenderness, c, scale = np.array([(*case[:3], case[5]) for case in some]).T
         horizontal = samples[0 if component == "east" else 1]
-        up = samples[2] * vertical
         # Side by side with an input that is off by its rounding.
         both = np.concatenate([scale, scale * (1 + 1e-12)])
         twice = Rocker(*(np.tile(each, 2) for each in (b, slenderness, c)))
-        r = follow(twice, record(horizontal, up, 0.01, both))
+        r = follow(twice, record(horizontal, samples[2] * vertical, 0.01, both))
         peak, other = r.peak.reshape(2, -1)
         overturned, too = r.overturned.reshape(2, -1)
         stable = (overturned == too) & (overturned | (np.abs(peak - other) < 1e-9 * peak))
@@ -494,10 +529,16 @@ def _ridgecrest(rng):
             for case, (peak, *rest) in zip(some, outcome, strict=True)
             if peak > 0
         ]
-    names = (
-        "half_width slenderness restitution component vertical scale peak_rotation overturned"
-    )
-    _write(CASES, f"{names} impacts stable", rows)
+    names = [
+        "component",
+        "vertical",
+        "scale",
+        "peak_rotation",
+        "overturned",
+        "impacts",
+        "stable",
+    ]
+    _write(CASES, [*NUMBERS[:3], *names], rows)
 
 
 def _pulses(rng, count=1000):
@@ -509,20 +550,10 @@ def _pulses(rng, count=1000):
         slenderness = rng.uniform(1, 10, count)
         c = rng.uniform(0.3, 0.98, count)
         amplitude = 9.81 / slenderness * 10 ** rng.uniform(0.02, 1, count)
-        numbers = [b, slenderness, c, amplitude, duration]
-        numbers = np.array([[float(f"{x:.6g}") for x in each] for each in numbers])
-        b, slenderness, c, amplitude, duration = numbers
-        r = follow(Rocker(b, slenderness, c), pulse(shape, amplitude, duration))
-        rows += [
-            (shape, *map(repr, case), repr(peak), int(fallen))
-            for case, peak, fallen in zip(
-                numbers.T.tolist(), r.peak.tolist(), r.overturned, strict=True
-            )
-        ]
-    names = (
-        "shape half_width slenderness restitution amplitude duration peak_rotation overturned"
-    )
-    _write(PULSES, names, rows)
+        numbers = _round(b, slenderness, c, amplitude, duration)
+        r = follow(Rocker(*numbers[:3]), pulse(shape, *numbers[3:]))
+        rows += _list_rows(shape, numbers, r.peak, r.overturned.astype(int))
+    _write(PULSES, ["shape", *NUMBERS, "peak_rotation", "overturned"], rows)
 
 
 def _barely_lifted(rng, count=40, shapes=tuple(SHAPES), mode="w"):
@@ -534,20 +565,9 @@ def _barely_lifted(rng, count=40, shapes=tuple(SHAPES), mode="w"):
         slenderness = rng.uniform(1, 10, count)
         c = rng.uniform(0, 0.95, count)
         amplitude = 9.81 / slenderness * (1 + 10 ** rng.uniform(-4, -0.1, count))
-        numbers = np.array([b, slenderness, c, amplitude, duration])
         r = follow(Rocker(b, slenderness, c), pulse(shape, amplitude, duration), rtol=1e-13)
-        rows += [
-            (shape, *map(repr, case), repr(peak))
-            for case, peak in zip(numbers.T.tolist(), r.peak.tolist(), strict=True)
-        ]
-    names = "shape half_width slenderness restitution amplitude duration peak_rotation"
-    _write(BARELY_LIFTED, names, rows, mode)
-
-
-def count_strong(velocities):
-    """Count the impacts that are not tiny bounces."""
-    speeds = np.abs(velocities)
-    return int((speeds > STRONG * speeds.max(initial=0.0)).sum())
+        rows += _list_rows(shape, [b, slenderness, c, amplitude, duration], r.peak)
+    _write(BARELY_LIFTED, ["shape", *NUMBERS, "peak_rotation"], rows, mode)
 
 
 def _against_wall(rng, count=200, shapes=tuple(SHAPES), mode="w"):
@@ -566,39 +586,23 @@ def _against_wall(rng, count=200, shapes=tuple(SHAPES), mode="w"):
         # A push towards the wall lifts no block: a few for shapes that push one way only.
         towards = 0.03 if shape in ("Rectangular", "HalfSine") else 0.5
         sign = np.where(rng.random(count) < towards, -1.0, 1.0)
-        amplitude = sign * 9.81 / slenderness * over
-        numbers = np.array([b, slenderness, c, amplitude, duration])
-        numbers = np.array([[float(f"{x:.6g}") for x in row] for row in numbers])
-        b, slenderness, c, amplitude, duration = numbers
-        rocker = Rocker(b, slenderness, c, one_sided=True)
-        r = follow(rocker, pulse(shape, amplitude, duration), 3.0, rtol=1e-13)
-        rows += [
-            (shape, *map(repr, case), repr(peak), int(fallen), count_strong(velocities))
-            for case, peak, fallen, velocities in zip(
-                numbers.T.tolist(),
-                r.peak.tolist(),
-                r.overturned,
-                r.impact_velocities,
-                strict=True,
-            )
-        ]
-    names = (
-        "shape half_width slenderness restitution amplitude duration peak_rotation overturned"
-        " impacts"
-    )
+        numbers = _round(b, slenderness, c, sign * 9.81 / slenderness * over, duration)
+        rocker = Rocker(*numbers[:3], one_sided=True)
+        r = follow(rocker, pulse(shape, *numbers[3:]), 3.0, rtol=1e-13)
+        strong_impacts = np.array([count_strong(each) for each in r.impact_velocities])
+        rows += _list_rows(shape, numbers, r.peak, r.overturned.astype(int), strong_impacts)
+    names = ["shape", *NUMBERS, "peak_rotation", "overturned", "impacts"]
     _write(AGAINST_WALL, names, rows, mode)
 
 
 def main(new_shapes):
     """Write the tables of cases, or append the rows of new shapes."""
-    if new_shapes:
-        _against_wall(np.random.default_rng(4), shapes=new_shapes, mode="a")
-        _barely_lifted(np.random.default_rng(3), shapes=new_shapes, mode="a")
-        return
-    _against_wall(np.random.default_rng(4))
-    _barely_lifted(np.random.default_rng(3))
-    _ridgecrest(np.random.default_rng(1))
-    _pulses(np.random.default_rng(2))
+    new = {"shapes": new_shapes, "mode": "a"} if new_shapes else {}
+    _against_wall(np.random.default_rng(4), **new)
+    _barely_lifted(np.random.default_rng(3), **new)
+    if not new:
+        _ridgecrest(np.random.default_rng(1))
+        _pulses(np.random.default_rng(2))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 The motion between pulses is exponentials (linearized) or Jacobi's elliptic functions as SciPy
 has them (the pendulum about its upright position), for many trains side by side. What a train
 needs to overturn is found by bisection and regula falsi, train by train. ``python
-tests/references/train_search.py`` searches all of `CASES` anew, a quarter of an hour, and writes
+tests/references/train_search.py`` searches all of `TELLING` anew, a quarter of an hour, and writes
 the best trains to ``tables/train_cases.jsonl``.
 """
 
@@ -314,28 +314,6 @@ TELLING = [
 DEFAULT = 6
 
 
-def scattered():
-    """A bigger sample: every count and restitution, and each constraint in turn."""
-    rng = np.random.default_rng(7)
-    for index in range(13):
-        model = ("Linearized", "Linearized", "Nonlinear")[index % 3]
-        slenderness = (2.0, 4.0, 1.2)[index % 3]
-        c = (0.5, 0.7, 0.8, 0.9, 0.97)[index % 5]
-        case = Case(0.4, slenderness, c, (2, 3, 3, 4)[index % 4], model)
-        gap = (case.count - 1) / case.frequency_parameter
-        limits = [
-            {"spacing": rng.uniform(1, 4) / case.frequency_parameter},
-            {"latest": rng.uniform(0.4, 2) * gap},
-            {"spacing": 0.8 * gap / (case.count - 1), "latest": rng.uniform(0.85, 1.5) * gap},
-            {},
-        ][index // 3 % 4]
-        limits = {name: round(float(value), 3) for name, value in limits.items()}
-        yield case._replace(impacts_between=(1, 1, 0, 2)[index // 6], **limits)
-
-
-CASES = [*TELLING, *scattered()]
-
-
 def found():
     """What is frozen, case by case."""
     lines = map(json.loads, FOUND.read_text(encoding="utf-8").splitlines())
@@ -346,7 +324,7 @@ def main():
     """Search all cases anew, or those that the file lacks if called with ``missing``."""
     kept = found() if "missing" in sys.argv and FOUND.exists() else {}
     lines = []
-    for case in CASES:
+    for case in TELLING:
         lines.append(json.dumps([case, kept.get(case) or best_of(case)]))
         FOUND.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
