@@ -69,7 +69,7 @@ CODE_LINES = {
     "driven": 3591,
     "steady": 876,
     "overturning": 529,
-    "sensitivity": 1469,
+    "sensitivity": 1429,
     "calibration": 1048,
     "calibration/outcomes": 950,
     "accuracy": 453,

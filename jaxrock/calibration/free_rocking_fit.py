@@ -170,11 +170,11 @@ def _check_measurements(
     check_increasing("impact_times", times)
     least = 0 if block is not None and block.one_sided else -np.pi / 2
     angles = np.asarray(peaks)
-    wrong = (angles == 0) | (angles < least) | (angles > np.pi / 2)
-    if wrong.any():
+    invalid = (angles == 0) | (angles < least) | (angles > np.pi / 2)
+    if invalid.any():
         raise ValueError(
             f"peak_rotations must be between {least:.3g} and pi / 2 and not 0, or NaN where"
-            f" unknown, got {angles[wrong][0]:g}"
+            f" unknown, got {angles[invalid][0]:g}"
         )
     # The equation is the same on both sides: only the size of a peak matters.
     return np.asarray(times), np.abs(angles)
@@ -281,8 +281,8 @@ def _make_free_rocking_fit(
     elif block is None:
         values["critical_angle"] = errors["critical_angle"] = np.nan
     elif known.free[FREQUENCY]:
-        others = block.gravity, block.inertia_ratio
-        block = Block.from_parameters(*size, *others, one_sided=block.one_sided)
+        constants = block.gravity, block.inertia_ratio
+        block = Block.from_parameters(*size, *constants, one_sided=block.one_sided)
     # Measurements that were left out have none.
     time_residuals = np.full(measured.times.size, np.nan)
     time_residuals[measured.used] = fit.residuals[:count] * noises.times
@@ -354,11 +354,11 @@ def _compare_models(fit: Fitted, error: float) -> list[str]:
     known to all digits.
     """
     known = fit.known
-    other = Nonlinear() if isinstance(known.model, Linearized) else Linearized()
+    model = Nonlinear() if isinstance(known.model, Linearized) else Linearized()
     p_and_angle = np.exp(fit.parameters[FREQUENCY:]).astype(known.dtype)
     shape = jax.tree.map(np.asarray, Block.from_parameters(*p_and_angle))
-    others = known._replace(model=other, shape=shape)
-    residuals, _ = compute_residuals(fit.parameters, fit.measured, others, fit.noises)
+    alternative = known._replace(model=model, shape=shape)
+    residuals, _ = compute_residuals(fit.parameters, fit.measured, alternative, fit.noises)
     parameters = fit.parameters.copy()
     jacobian = fit.free_jacobian
     parameters[known.free] -= compute_covariance(jacobian) @ (jacobian.T @ residuals)
@@ -368,7 +368,7 @@ def _compare_models(fit: Fitted, error: float) -> list[str]:
     if not difference > max(error, NEGLIGIBLE):
         return []
     return [
-        f"the model matters: the {other.name} one gives a C of about {elsewhere:.4g},"
+        f"the model matters: the {model.name} one gives a C of about {elsewhere:.4g},"
         f" {difference / error:.2g} standard errors from this one"
     ]
 

@@ -114,25 +114,25 @@ def _list_trials(
     measured: Measurements, repairs: tuple[str, ...]
 ) -> list[tuple[Measurements, tuple[str, ...]]]:
     """List all numberings with one more repair."""
-    places = np.flatnonzero(measured.used).tolist()
+    indices = np.flatnonzero(measured.used).tolist()
     trials = list[tuple[Measurements, tuple[str, ...]]]()
 
-    def add(place: int, sentence: str, leave_out: bool, shift: int) -> None:
+    def add(index: int, sentence: str, leave_out: bool, shift: int) -> None:
         """Shift the numbers from one impact on, and perhaps leave its time out."""
         used = measured.used.copy()
-        used[place] = not leave_out
+        used[index] = not leave_out
         impacts = measured.impacts.copy()
-        impacts[place:] += shift
+        impacts[index:] += shift
         trial = measured._replace(used=used, impacts=impacts)
         trials.append((trial, (*repairs, sentence)))
 
-    for previous, place in zip([None, *places[:-1]], places, strict=True):
-        at = f"{measured.times[place]:.4f} s"
+    for previous, index in zip([None, *indices[:-1]], indices, strict=True):
+        time = f"{measured.times[index]:.4f} s"
         # Before the first time there is no impact that it could count again, and an
         # impact that is missing there changes nothing.
         if previous is not None:
-            between = f"between {measured.times[previous]:.4f} s and {at}"
-            add(place, f"the time {at} counts an impact again: left out", True, -1)
-            add(place, f"an impact {between} is missing", False, 1)
-        add(place, f"the time {at} is out of line: left out", True, 0)
+            between = f"between {measured.times[previous]:.4f} s and {time}"
+            add(index, f"the time {time} counts an impact again: left out", True, -1)
+            add(index, f"an impact {between} is missing", False, 1)
+        add(index, f"the time {time} is out of line: left out", True, 0)
     return trials

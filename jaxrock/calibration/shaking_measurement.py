@@ -79,7 +79,7 @@ class ShakingTest(NamedTuple):
         fixed = self.gravity, self.motion, self.initial, self.model
         outputs = []
         for name in self.parameters:
-            along = {other: float(other == name) for other in known}
+            along = {parameter: float(parameter == name) for parameter in known}
             arguments = (known, along, times, np.asarray(end))
             arguments = jax.tree.map(lambda leaf: np.asarray(leaf, self.dtype), arguments)
             outputs.append(_compute_rotations(*arguments, pieces, *fixed))
@@ -210,12 +210,12 @@ def fit_windows(test: ShakingTest) -> WindowFit:
     counts = [_FIRST]
     while counts[-1] * _GROWTH < changes.size:
         counts.append(int(counts[-1] * _GROWTH))
-    ends = [*test.time[changes[counts[:-1]]], test.window]
+    window_ends = [*test.time[changes[counts[:-1]]], test.window]
 
-    starts = _choose_starts(test, ends[0])
+    starts = _choose_starts(test, window_ends[0])
     last = None
     windows = list[WindowFit]()
-    for end in ends:
+    for end in window_ends:
         fits = [_fit_window(test, start, end, last) for start in starts]
         windows.append(min(fits, key=lambda fit: (not fit.converged, fit.scatter)))
         starts = [fit.values for fit in fits]
@@ -249,5 +249,5 @@ def _estimate_noise(rotation: np.ndarray) -> float:
     # The variance of 1, -2, 1 times noise is 6, and the median of the sizes of normal numbers
     # is 0.6745. The median passes over the few times at which an impact bends the motion.
     bends = np.abs(np.diff(rotation, 2))
-    by_bends = float(np.median(bends)) / (0.6745 * 6**0.5) if bends.size else 0.0
-    return max(by_bends, _EXACT * float(np.max(np.abs(rotation), initial=0)))
+    median_noise = float(np.median(bends)) / (0.6745 * 6**0.5) if bends.size else 0.0
+    return max(median_noise, _EXACT * float(np.max(np.abs(rotation), initial=0)))

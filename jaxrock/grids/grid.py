@@ -111,8 +111,8 @@ class Grid:
         """Compute all variables, part by part, into arrays or variables of a file."""
         sizes = {name: values.size for name, values in self.axes.items() if values.ndim}
         for region in show_progress(divide(sizes, self.largest), self.title.lower()):
-            parts = [v[region[n]] if n in region else v for n, v in self.axes.items()]
-            answers = self.compute(self.shared, *parts)
+            coordinates = [v[region[n]] if n in region else v for n, v in self.axes.items()]
+            answers = self.compute(self.shared, *coordinates)
             with defer_interrupts():
                 for name, target in targets.items():
                     # A variable without some of the axes is written once for each part along
@@ -197,14 +197,14 @@ def _compute_block(block: "xarray.Dataset", grid: Grid, double: bool) -> "xarray
         return replace(grid, axes=axes, shared=shared).compute_all()
 
 
-def list_points(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+def list_points(*axes: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     """Return the shape of a part of a grid, and each axis' value at each of its points.
 
     An axis that is a single number adds no dimension to the shape.
     """
-    shape = tuple(part.size for part in parts if part.ndim)
-    columns = np.meshgrid(*parts, indexing="ij", copy=False)
-    return shape, np.stack(columns).reshape(len(parts), -1)
+    shape = tuple(values.size for values in axes if values.ndim)
+    columns = np.meshgrid(*axes, indexing="ij", copy=False)
+    return shape, np.stack(columns).reshape(len(axes), -1)
 
 
 def apply_in_tiles(
@@ -231,8 +231,8 @@ def apply_in_tiles(
     # The first before the others, so that the program is compiled once instead of by all
     # threads at the same time.
     first = compute_tile(0)
-    others = map_in_threads(compute_tile, numbers[1:], workers or count_processors())
-    return jax.tree.map(lambda *parts: np.concatenate(parts)[:size], first, *others)
+    following = map_in_threads(compute_tile, numbers[1:], workers or count_processors())
+    return jax.tree.map(lambda *tiles: np.concatenate(tiles)[:size], first, *following)
 
 
 def apply_padded(function: Callable[[_Tree], object], tree: _Tree) -> np.ndarray:
@@ -272,4 +272,4 @@ def divide(sizes: Mapping[Any, int], largest: int) -> list[dict[Any, slice]]:
         [slice(k, min(k + lengths[name], size)) for k in range(0, size, lengths[name])]
         for name, size in sizes.items()
     ]
-    return [dict(zip(sizes, places, strict=True)) for places in itertools.product(*cuts)]
+    return [dict(zip(sizes, slices, strict=True)) for slices in itertools.product(*cuts)]

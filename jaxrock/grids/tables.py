@@ -73,5 +73,5 @@ def compute_overturned_fraction(dataset: "xarray.Dataset") -> float:
     """Compute the fraction of scenes in a spectrum that overturn under unlimited pulses."""
     # The margin alone is read, and a dataset in a file can be larger than memory.
     margin = dataset.overturning_margin
-    parts = show_progress(divide(dataset.sizes, _LARGEST), "overturned")
-    return sum(int((margin.isel(part) <= 0).sum()) for part in parts) / margin.size
+    regions = show_progress(divide(dataset.sizes, _LARGEST), "overturned")
+    return sum(int((margin.isel(region) <= 0).sum()) for region in regions) / margin.size

@@ -73,7 +73,7 @@ def write_zarr(dataset: "xarray.Dataset", path: str | Path) -> "xarray.Dataset":
         edges = np.cumsum([0, *lengths]).tolist()
         cuts.append(list(map(slice, edges[:-1], edges[1:])))
     regions = [
-        dict(zip(dataset.chunks, places, strict=True)) for places in itertools.product(*cuts)
+        dict(zip(dataset.chunks, slices, strict=True)) for slices in itertools.product(*cuts)
     ]
     if not path.exists():
         _begin_store(dataset, path, token, len(regions))

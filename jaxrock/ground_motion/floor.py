@@ -86,13 +86,13 @@ class Floor(Printed, Checked):
         self.free_vibration = _read_time("free_vibration", free_vibration, NON_NEGATIVE)
 
     def __str__(self) -> str:
-        words = [
+        descriptions = [
             f"period {format_number(self.period, 's')}",
             f"damping {format_number(self.damping)}",
         ]
         if self.participation.ndim or is_traced(self.participation) or self.participation != 1:
-            words.append(f"participation {format_number(self.participation)}")
-        return f"floor of {', '.join(words)}"
+            descriptions.append(f"participation {format_number(self.participation)}")
+        return f"floor of {', '.join(descriptions)}"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -135,8 +135,8 @@ def compute_floor_motion(components: Components, floor: Floor) -> Components:
     guarded, valid = replace_invalid(unified[1])
     motion, upward, step = _filter_samples(unified[0], guarded)
     if not isinstance(valid, bool):
-        of_floors = valid.all(axis=-1) if floor.participation.ndim else valid
-        motion = jnp.where(of_floors[..., None], motion, jnp.nan)
+        valid_floors = valid.all(axis=-1) if floor.participation.ndim else valid
+        motion = jnp.where(valid_floors[..., None], motion, jnp.nan)
     return motion, upward, step
 
 
@@ -164,7 +164,7 @@ def _filter_samples(components: Components, floor: Floor) -> Components:
         modes = [value[..., None] for value in modes]
     # All of one rank: the leading axes, then the modes or the samples.
     numbers = (time_step[..., None], *modes)
-    shape = np.broadcast_shapes(acceleration[..., :1].shape, *(one.shape for one in numbers))
+    shape = np.broadcast_shapes(acceleration[..., :1].shape, *(a.shape for a in numbers))
     steps, period, damping, participation = (
         library.broadcast_to(value, shape) for value in numbers
     )
@@ -201,6 +201,6 @@ def _find_end(motion: np.ndarray, last: int) -> int:
     """Find the number of samples until all floors stay below a small part of their peaks."""
     size = abs(motion)
     moves = size > _NEGLIGIBLE * size.max(axis=-1, keepdims=True)
-    (places,) = np.nonzero(moves.reshape(-1, motion.shape[-1]).any(axis=0))
+    (indices,) = np.nonzero(moves.reshape(-1, motion.shape[-1]).any(axis=0))
     # With the first sample that is below it.
-    return max(last, int(places[-1]) + 1 if places.size else 0) + 1
+    return max(last, int(indices[-1]) + 1 if indices.size else 0) + 1

@@ -45,10 +45,10 @@ def compute_absolute_accelerations(
     library = choose_namespace((samples, x, damping, weights))
     response = _respond_to_step(x[..., None], damping[..., None], steps)
     response = (weights[..., None, :, None] * response).sum(axis=-2)
-    ends = library.stack([samples[..., :-1], samples[..., 1:]], axis=-2)
+    pairs = library.stack([samples[..., :-1], samples[..., 1:]], axis=-2)
     # A power of two, so long that nothing returns to the beginning.
     size = 1 << (2 * steps - 1).bit_length()
-    spectrum = library.fft.rfft(ends, n=size) * library.fft.rfft(response, n=size)
+    spectrum = library.fft.rfft(pairs, n=size) * library.fft.rfft(response, n=size)
     moved = library.fft.irfft(spectrum.sum(axis=-2), n=size)[..., :steps]
     return library.concatenate([library.zeros_like(moved[..., :1]), moved], axis=-1)
 

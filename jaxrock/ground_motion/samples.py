@@ -41,8 +41,8 @@ def refuse_times(name: str, rows: np.ndarray) -> None:
 def integrate_samples(samples: Reals, last: int | Reals) -> Reals:
     """Integrate samples up to the `last` one by the trapezoidal rule, over the time step."""
     # The padding adds nothing to the sum.
-    at_end = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
-    return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + at_end)
+    final = jnp.take(samples, jnp.asarray(last).astype(int), axis=-1)
+    return samples.sum(axis=-1) - 0.5 * (samples[..., 0] + final)
 
 
 def interpolate(samples: Reals, index: Array, along: Reals) -> Reals:
@@ -58,8 +58,8 @@ def interpolate(samples: Reals, index: Array, along: Reals) -> Reals:
     index = jnp.broadcast_to(index, shape)[..., None]
     # The index has been clipped: without the mode, JAX would check it once more.
     left, right = (
-        jnp.take_along_axis(samples, at, axis=-1, mode="promise_in_bounds")[..., 0]
-        for at in (index, index + 1)
+        jnp.take_along_axis(samples, position, axis=-1, mode="promise_in_bounds")[..., 0]
+        for position in (index, index + 1)
     )
     # Exact at both ends, unlike left + along * (right - left).
     return (1 - along) * left + along * right

@@ -123,14 +123,14 @@ class Suite(Printed, eqx.Module):
             ways = " in reverse direction"
         samples = format_number(np.array([record.samples for record in self.records]))
         steps = format_number(np.array([float(record.time_step) for record in self.records]))
-        words = (
+        summary = (
             f"suite of {self.recordings} record{'s' * (self.recordings > 1)}{ways} of"
             f" {samples} samples, {steps} s apart"
         )
         if self.ground is None:
-            return words
+            return summary
         floor = "floors" if self.floor is None else f"a {self.floor}"
-        return f"{words}, on {floor}; intensities are those of the ground"
+        return f"{summary}, on {floor}; intensities are those of the ground"
 
     @property
     def recordings(self) -> int:
@@ -172,12 +172,12 @@ class Suite(Printed, eqx.Module):
 
     def _find_directions(self, which: slice) -> int:
         """Find in how many directions a part of the suite has its records."""
-        places = range(len(self))[which]
-        recordings = [place % self.recordings for place in places]
+        indices = range(len(self))[which]
+        recordings = [index % self.recordings for index in indices]
         if len(set(recordings)) == len(recordings):
             return 1
-        half = len(places) // 2
-        if list(places[half:]) != [place + self.recordings for place in places[:half]]:
+        half = len(indices) // 2
+        if list(indices[half:]) != [index + self.recordings for index in indices[:half]]:
             raise ValueError(
                 "a slice of a suite in both directions must take each of its records in one"
                 " direction only, or first all as recorded and then the same reversed, got"

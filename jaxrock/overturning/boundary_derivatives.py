@@ -94,9 +94,9 @@ def compute_tangents(
     # Under a pulse the margin vanishes at the value that is listed, as the distance from
     # pi / 2 does where the block topples.
     continuous = toppled | isinstance(subject.motion, Pulse)
-    at = library.where(continuous, value, falls)
-    at = library.where(exists, at, library.asarray(values)[..., :1])
-    rows = [flatten(at), *(flatten(library.asarray(leaf)[..., None]) for leaf in leaves)]
+    point = library.where(continuous, value, falls)
+    point = library.where(exists, point, library.asarray(values)[..., :1])
+    rows = [flatten(point), *(flatten(library.asarray(leaf)[..., None]) for leaf in leaves)]
     edges = _Edges(
         samples, form, library.stack(rows), flatten(toppled), flatten(width), search
     )
@@ -174,13 +174,13 @@ class _Edges(NamedTuple):
         else:
             result = _differentiate_in_pieces(self.samples, columns, self.form, search)
         residuals, derivatives = result.reshape(2, times, count)
-        to_value, *to_parameters = derivatives
+        value_derivative, *parameter_derivatives = derivatives
         # Rounding moves a boundary by some eps, whatever the bracket is.
         eps = float(jnp.finfo(self.rows.dtype).eps)
         width = library.maximum(self.width, 8 * eps * abs(self.rows[0]))
-        known = abs(to_value) * width >= _PART_OF_RESIDUAL * abs(residuals[0])
-        divisor = library.where(known, -to_value, library.nan)
-        return library.stack([part / divisor for part in to_parameters])
+        known = abs(value_derivative) * width >= _PART_OF_RESIDUAL * abs(residuals[0])
+        divisor = library.where(known, -value_derivative, library.nan)
+        return library.stack([part / divisor for part in parameter_derivatives])
 
 
 def _differentiate_residual(
@@ -199,9 +199,9 @@ def _differentiate_residual(
     """
 
     def compute_residual(rows: jax.Array) -> jax.Array:
-        at, *parameters = rows
+        point, *parameters = rows
         subject = eqx.combine(jax.tree.unflatten(form, parameters), samples)
-        response = respond_at(subject, at, search, count)
+        response = respond_at(subject, point, search, count)
         residual = response.margin
         if not isinstance(subject.motion, Pulse):
             # Its value is not 0, but only derivatives count; see the top of this file.
@@ -236,12 +236,12 @@ def _differentiate_in_pieces(
     derive = _compile(jax.default_backend())
 
     def differentiate_piece(k: int) -> np.ndarray:
-        parts = [entries[..., k::pieces] for entries in columns]
-        count = parts[0].shape[-1]
+        piece = [entries[..., k::pieces] for entries in columns]
+        count = piece[0].shape[-1]
         # Filled up with copies of the last column, valid parameters that are not simulated:
         # the program stops after `count` columns.
         room = [
-            np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in parts
+            np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in piece
         ]
         result = derive(samples, count, *room, form=form, search=search)
         result = np.asarray(result)[:, :count]

@@ -101,8 +101,8 @@ def tick_decades(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
 def label_variable(variable: xarray.DataArray) -> str:
     """Write name, symbol and unit of a variable or a coordinate, for an axis or a legend."""
     name = str(variable.name)
-    words = "" if name in QUANTITIES else variable.attrs.get("long_name", "")
-    return write_label(name, words, variable.attrs.get("units"))
+    long_name = "" if name in QUANTITIES else variable.attrs.get("long_name", "")
+    return write_label(name, long_name, variable.attrs.get("units"))
 
 
 def write_amplitude_ratio(symbol: str, model: str) -> str:

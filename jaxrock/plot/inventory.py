@@ -64,8 +64,8 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     if "rate_at_low_restitution" in shown and shown.restitution_assumed.any():
         look = {"color": INK, "markerfacecolor": "w", "markersize": 5, "clip_on": False}
         name = "with the low end of an assumed restitution"
-        at_low = shown.rate_at_low_restitution.values.clip(low)
-        ax.plot(at_low, rows, "o", label=name, **look)
+        low_rates = shown.rate_at_low_restitution.values.clip(low)
+        ax.plot(low_rates, rows, "o", label=name, **look)
     name = f"target: once in {write_years(1 / target)} years"
     ax.axvline(target, color=LINE, linestyle="--", linewidth=1, label=name)
     ax.set(xscale="log", xlim=(low, high), ylim=(-0.7, number - 0.3))

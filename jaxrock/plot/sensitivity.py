@@ -94,11 +94,11 @@ def _describe_ranges(bars: TornadoBars) -> list[str]:
     texts = []
     for k, name in enumerate(bars.names):
         label = write_label(name, SIZES_IN_WORDS.get(name, ""))
-        ends = " to ".join(
-            f"{end[k]:.4g}" + " (overturns)" * (not np.isfinite(answer[k]))
-            for end, answer in ((bars.low, bars.at_low), (bars.high, bars.at_high))
+        span = " to ".join(
+            f"{limit[k]:.4g}" + " (overturns)" * (not np.isfinite(answer[k]))
+            for limit, answer in ((bars.low, bars.at_low), (bars.high, bars.at_high))
         )
-        texts.append(f"{textwrap.fill(label, 40)}\n{ends}")
+        texts.append(f"{textwrap.fill(label, 40)}\n{span}")
     return texts
 
 

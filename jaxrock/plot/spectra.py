@@ -84,22 +84,22 @@ def plot_curves(
     for y, level, colour, look in zip(
         variable.values, levels, colours, itertools.cycle(CURVES), strict=False
     ):
-        ends = _find_ends(y)
+        is_end = _find_ends(y)
         limit = np.nan if thresholds is None else float(thresholds.sel({hue: level}))
         curve = x, y
-        marks = x[ends], y[ends]
-        if ends.any() and limit > x[ends][-1] and variable.name == "rotation_ratio":
+        marks = x[is_end], y[is_end]
+        if is_end.any() and limit > x[is_end][-1] and variable.name == "rotation_ratio":
             # Close to the threshold the ratio lacks of 1 the square root of what the
             # slenderness lacks of the threshold: the parabola that is drawn here.
             remaining = np.linspace(0, 1, 30)[::-1]
-            k = int(np.flatnonzero(ends)[-1])
+            k = int(np.flatnonzero(is_end)[-1])
             missing = limit - (limit - x[k]) * remaining**2, 1 - (1 - y[k]) * remaining
             curve = np.hstack([(x[: k + 1], y[: k + 1]), missing])
             marks = [limit], [1.0]
         ax.plot(*curve, color=colour, label=f"{level:.4g}", **look)
         if x.size == 1:
             ax.plot(*curve, ".", color=colour)
-        if ends.any():
+        if is_end.any():
             ax.plot(*marks, "x", color=colour)
     if any(line.get_marker() == "x" for line in ax.lines):
         # One entry in the legend for the crosses of all curves.

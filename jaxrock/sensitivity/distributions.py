@@ -48,18 +48,18 @@ def find_shape(name: str, mean: Number, variation: Number) -> tuple[Any, Any]:
         two peaks, at 0 and at 1.
     """
     mean = np.asarray(mean)
-    wrong = mean[(mean <= 0) | (mean >= 1)]
-    if wrong.size:
+    invalid = mean[(mean <= 0) | (mean >= 1)]
+    if invalid.size:
         raise ValueError(
-            f"{name} must be greater than 0 and less than 1 to be uncertain, got {wrong[0]:g}"
+            f"{name} must be greater than 0 and less than 1 to be uncertain, got {invalid[0]:g}"
         )
     total = (1 - mean) / (mean * np.square(variation)) - 1
     first = mean * total
     second = (1 - mean) * total
-    wrong = np.broadcast_to(variation, mean.shape)[(first < 1) & (second < 1)]
-    if wrong.size:
+    invalid = np.broadcast_to(variation, mean.shape)[(first < 1) & (second < 1)]
+    if invalid.size:
         raise ValueError(
-            f"coefficient of variation of {name} must not be as large as {wrong[0]:g}, with which"
+            f"coefficient of variation of {name} must not be as large as {invalid[0]:g}, with which"
             " the density would have two peaks, at 0 and at 1"
         )
     return first, second
@@ -121,18 +121,18 @@ def compute_scores(
     """
     if is_between_0_and_1(name):
         a, b = find_shape(name, value, variation)
-        by_a = np.log(samples) - digamma(a) + digamma(a + b)
+        score_a = np.log(samples) - digamma(a) + digamma(a + b)
         # A sample may be so close to 1 that it is rounded to 1.
-        by_b = np.log(np.maximum(1 - samples, 2**-54)) - digamma(b) + digamma(a + b)
+        score_b = np.log(np.maximum(1 - samples, 2**-54)) - digamma(b) + digamma(a + b)
         # Both exponents are parts of their sum, (1 - mean) / (mean variation^2) - 1.
-        by_sum = value * by_a + (1 - value) * by_b
-        by_mean = (a + b) * (by_a - by_b) - by_sum / (value * variation) ** 2
-        return value * by_mean, -2 * (1 - value) / (value * variation**3) * by_sum
+        score_sum = value * score_a + (1 - value) * score_b
+        score_mean = (a + b) * (score_a - score_b) - score_sum / (value * variation) ** 2
+        return value * score_mean, -2 * (1 - value) / (value * variation**3) * score_sum
     if value > 0:
         width = np.log1p(variation**2) ** 0.5
         normal = np.log(samples / value) / width
-        by_width = (normal**2 - 1) / width
-        return normal / width, by_width * variation / (width * (1 + variation**2))
+        width_score = (normal**2 - 1) / width
+        return normal / width, width_score * variation / (width * (1 + variation**2))
     normal = (samples - value) / (variation * abs(value))
-    by_width = (normal**2 - 1) / variation
-    return variation * by_width - normal / variation, by_width
+    width_score = (normal**2 - 1) / variation
+    return variation * width_score - normal / variation, width_score

@@ -132,10 +132,10 @@ def _estimate_moments(
         quadratic = value + z @ gradient + 0.5 * np.einsum("ni,ij,nj->n", z, hessian, z)
         errors = _estimate_errors(quadratic, answers - quadratic, mean, deviation)
     fractions = gradient**2 / (first_variance or 1.0)
-    by_name = dict(zip(names, fractions.tolist(), strict=True)) if names else {}
+    portions = dict(zip(names, fractions.tolist(), strict=True)) if names else {}
     moments = (float(value), first_variance**0.5, mean, deviation)
-    left_out = 1 - finite.mean()
-    return MomentEstimate(*moments, by_name, max(errors) <= _ALLOWED, *errors, float(left_out))
+    left_out = float(1 - finite.mean())
+    return MomentEstimate(*moments, portions, max(errors) <= _ALLOWED, *errors, left_out)
 
 
 def _estimate_errors(
@@ -153,12 +153,12 @@ def _estimate_errors(
     # quadratic's plus the mean of this.
     added = (2 * (quadratic - mean) + remainder) * remainder - remainder.mean() ** 2
     corrected = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
-    of_mean = float(abs(remainder.mean()) + noise * remainder.std())
-    of_deviation = abs(corrected - deviation)
-    of_deviation += float(noise * added.std() / (corrected + deviation or 1.0))
+    mean_error = float(abs(remainder.mean()) + noise * remainder.std())
+    deviation_error = abs(corrected - deviation)
+    deviation_error += float(noise * added.std() / (corrected + deviation or 1.0))
     if deviation > 0:
-        return of_mean / deviation, of_deviation / deviation
+        return mean_error / deviation, deviation_error / deviation
     # Nothing is uncertain, so that only rounding is allowed, 64 units of it.
     rounding = 64 * float(np.finfo(remainder.dtype).eps) * abs(mean)
-    error = 0.0 if max(of_mean, of_deviation) <= rounding else np.inf
+    error = 0.0 if max(mean_error, deviation_error) <= rounding else np.inf
     return error, error

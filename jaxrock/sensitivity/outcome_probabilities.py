@@ -269,8 +269,8 @@ def outcome_probabilities(
             f" {len(names)} and {len(uncertain.correlated_pairs)} of them: Sobol indices are those"
             " of independent parameters"
         )
-    at = gather_parameters(block, restitution, motion)
-    parameters = name_parameters(at, names, ARGUMENT)
+    point = gather_parameters(block, restitution, motion)
+    parameters = name_parameters(point, names, ARGUMENT)
     values = parameters.get_values(names)
     samples = uncertain.samples
     normal = _draw_mixed_samples(len(names), samples, uncertain.seed)
@@ -292,32 +292,30 @@ def outcome_probabilities(
     statistics = {name: part * blanks for name, part in indices._asdict().items()}
     # The directions of a record count as one record, by their mean.
     directions = motion.directions if isinstance(motion, Suite) else 1
-    by_recording = [np.asarray(average_directions(part, directions)) for part in outcomes]
+    recordings = [np.asarray(average_directions(part, directions)) for part in outcomes]
     inputs = {name: part[:samples] for name, part in drawn.items()}
     scores = [*map(compute_scores, names, inputs.values(), values, variations)]
     for kind, score in zip(_CHANGES, zip(*scores, strict=True), strict=True):
         columns = np.stack(score, axis=1)
-        pairs = np.stack(
-            [compute_derivatives(outcome, columns) for outcome in by_recording], 1
-        )
+        pairs = np.stack([compute_derivatives(outcome, columns) for outcome in recordings], 1)
         statistics[kind], statistics[f"{kind}_error"] = pairs * blank
-    by_record = outcomes.mean(axis=2).T
+    record_probabilities = outcomes.mean(axis=2).T
     intervals = [
-        compute_interval(outcome.mean(axis=1), samples, confidence) for outcome in by_recording
+        compute_interval(outcome.mean(axis=1), samples, confidence) for outcome in recordings
     ]
     low, high = np.array(intervals).T
-    words = ("rocks", f"exceeds {float(ratio):g}", "overturns")
+    labels = ("rocks", f"exceeds {float(ratio):g}", "overturns")
     return OutcomeProbabilities(
-        outcomes=words,
-        probability=by_record.mean(axis=0),
+        outcomes=labels,
+        probability=record_probabilities.mean(axis=0),
         low=low,
         high=high,
-        by_record=by_record,
+        record_probabilities=record_probabilities,
         names=names,
         median=values,
         coefficient_of_variation=variations,
-        answers=("peak", *words),
-        sources=(*names, "record") if len(by_record) > 1 else names,
+        answers=("peak", *labels),
+        sources=(*names, "record") if len(record_probabilities) > 1 else names,
         inputs=inputs,
         peak=answers[0, 0],
         confidence=float(confidence),
@@ -336,16 +334,16 @@ def _draw_mixed_samples(count: int, samples: int, seed: int) -> np.ndarray:
 
 
 def _simulate_samples(
-    at: Mapping[str, Any], motion: Motion | Suite, model: RockingModel, ratio: float
+    point: Mapping[str, Any], motion: Motion | Suite, model: RockingModel, ratio: float
 ) -> np.ndarray:
     """Simulate all samples; peak and outcomes, shape (answers, records, samples)."""
     # Drawn in float64, simulated in the precision that JAX has been set to.
-    blocks = jax.device_put(at["block"])
+    blocks = jax.device_put(point["block"])
     critical_angle = np.asarray(blocks.critical_angle)
-    restitution, factor = (as_real(name, at[name]) for name in ("restitution", "factor"))
+    restitution, factor = (as_real(name, point[name]) for name in ("restitution", "factor"))
     answers = []
     # One by one: the samples fill the queue, and all records together need not fit into memory.
-    for part in list(motion) if isinstance(motion, Suite) else [change_motion(motion, at)]:
+    for part in list(motion) if isinstance(motion, Suite) else [change_motion(motion, point)]:
         batch = Batch.of(blocks, restitution, part).scaled(np.asarray(factor))
         response = follow_batch(replace(batch, until=batch.until + BEYOND), model)
         require_complete(response.complete, sample=None)

@@ -95,14 +95,14 @@ def compute_sobol_indices(
 
 
 def _estimate_indices(
-    parts: list[np.ndarray], whole: np.ndarray
+    contributions: list[np.ndarray], whole: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate indices, the means of `parts` over the mean of `whole`, and their errors.
+    """Estimate indices, the means of `contributions` over the mean of `whole`, and their errors.
 
     By the delta method: where few samples decide the variance, as where a block rarely
     overturns, its error is most of the error of the quotient.
     """
-    stacked = np.stack(parts)
+    stacked = np.stack(contributions)
     indices = stacked.mean(axis=1) / whole.mean()
     residuals = stacked - indices[:, None] * whole
     return indices, residuals.std(axis=1) / whole.size**0.5 / whole.mean()
@@ -120,11 +120,11 @@ def compute_derivatives(
     records, samples = values.shape
     # Scores have the mean 0: without the mean of the values there is less noise.
     centred = values - values.mean(axis=1, keepdims=True)
-    of_records = centred @ scores / samples
-    derivatives = of_records.mean(axis=0)
+    record_derivatives = centred @ scores / samples
+    derivatives = record_derivatives.mean(axis=0)
     products = centred.mean(axis=0)[:, None] * scores
     squares = products.var(axis=0) / samples
     if records > 1:
         # The samples are common to all records, which themselves are a sample.
-        squares = squares + of_records.var(axis=0, ddof=1) / records
+        squares = squares + record_derivatives.var(axis=0, ddof=1) / records
     return derivatives, squares**0.5

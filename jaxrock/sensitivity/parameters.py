@@ -84,8 +84,8 @@ def name_parameters(
     if names is not None:
         paths = [name.rpartition(".") for name in names]
         # A number of the pytree may be called a width as well.
-        own = [path[2] for path in paths if "".join(path) not in plain or path[2] in SHAPE]
-        by = choose_description(own, argument)
+        sizes = [path[2] for path in paths if "".join(path) not in plain or path[2] in SHAPE]
+        by = choose_description(sizes, argument)
     described = _describe_blocks(at, by)
     known = _name_leaves(described)
     values, form = jax.tree.flatten(described)
@@ -183,8 +183,8 @@ def evaluate_answer(
     list of ndarray, shape (...), (..., names), (..., names, names)
     """
     flat = points.reshape(-1, len(names))
-    parts = _evaluate(answer, parameters, tuple(names), flat, order)
-    return [np.asarray(part).reshape(points.shape[:-1] + part.shape[1:]) for part in parts]
+    results = _evaluate(answer, parameters, tuple(names), flat, order)
+    return [np.asarray(part).reshape(points.shape[:-1] + part.shape[1:]) for part in results]
 
 
 @eqx.filter_jit
@@ -214,5 +214,5 @@ def _evaluate(
 
 def describe_parameter(name: str) -> str:
     """Write a parameter in words, a size with what stays as it is where it is changed."""
-    words = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
-    return words.get(name, name.replace("_", " "))
+    phrases = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
+    return phrases.get(name, name.replace("_", " "))

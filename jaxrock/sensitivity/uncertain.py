@@ -234,9 +234,9 @@ class Uncertain(Printed, eqx.Module):
                 f"{ARGUMENT} has {floor_names[0]!r}, but the suite is on no floor whose period and"
                 " damping are known; Suite.on_floor puts it on one"
             )
-        at = {"block": block, "restitution": read_restitution(block, restitution)}
-        at |= dict.fromkeys(FLOOR_NAMES if floor_names else (), 1.0)
-        parameters = name_parameters(at, self.names, ARGUMENT)
+        arguments = {"block": block, "restitution": read_restitution(block, restitution)}
+        arguments |= dict.fromkeys(FLOOR_NAMES if floor_names else (), 1.0)
+        parameters = name_parameters(arguments, self.names, ARGUMENT)
         shape = np.broadcast_shapes(*(np.shape(value) for value in parameters.values))
         if len(shape) > 1 or shape == (0,):
             raise ValueError(

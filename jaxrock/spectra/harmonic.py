@@ -168,11 +168,11 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
 
 
 def _compute_floors(
-    cycles: int, model: RockingModel, shared: SharedBlock, *parts: np.ndarray
+    cycles: int, model: RockingModel, shared: SharedBlock, *coordinates: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Compute orbits and regions over a part of the plane."""
     block, restitution = shared
-    shape, (ratios, strengths) = list_points(*parts)
+    shape, (ratios, strengths) = list_points(*coordinates)
     amplitude = strengths * float(uplift_acceleration(block, model))
     frequency = ratios * float(block.frequency_parameter)
 
@@ -184,8 +184,8 @@ def _compute_floors(
     orbit = apply_in_tiles(compute_tile, _TILE, np.stack([amplitude, frequency]))
     # A velocity, though it is 0: with one the program compiled for launched blocks serves.
     motion = Harmonic(amplitude, frequency, cycles)
-    from_rest = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
-    peak_from_rest = np.asarray(follow_batch(from_rest, model).peak_rotation)
+    resting = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
+    peak_from_rest = np.asarray(follow_batch(resting, model).peak_rotation)
     # 0 where no orbit is unstable, and NaN where the integration did not finish.
     peak_near_orbit = np.zeros_like(peak_from_rest)
     unstable = np.flatnonzero(np.asarray(orbit.exists) & ~np.asarray(orbit.stable))
@@ -198,7 +198,7 @@ def _compute_floors(
         launched = batch.advance(phase / np.asarray(motion.frequency))
         peak_near_orbit[unstable] = follow_batch(launched, model).peak_rotation
     known = ~np.isnan(peak_near_orbit + peak_from_rest)
-    labels = dict(zip(_AXES, map(np.atleast_1d, parts), strict=True))
+    labels = dict(zip(_AXES, map(np.atleast_1d, coordinates), strict=True))
     require_complete(known.reshape([values.size for values in labels.values()]), **labels)
     region = np.asarray(orbit.stable, np.int8)
     region[unstable] = 2

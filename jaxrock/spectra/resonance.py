@@ -158,10 +158,10 @@ def _critical_intensity(scene: Scene, model: RockingModel) -> Array:
 
 
 def _compute_part(
-    model: RockingModel | None, tolerance: float, block: Block, *parts: np.ndarray
+    model: RockingModel | None, tolerance: float, block: Block, *coordinates: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Compute all variables over a part of a grid, by a model or the cheapest at each point."""
-    shape, points = list_points(*parts)
+    shape, points = list_points(*coordinates)
     if model is not None:
         answers = _compute_at_points(_compute_scene, points, block, model)
     else:
@@ -169,7 +169,7 @@ def _compute_part(
     answers = {name: values.reshape(shape) for name, values in answers.items()}
     # The critical intensity is the same along the axis of intensities: the first point stands
     # for all of them.
-    if parts[-1].ndim:
+    if coordinates[-1].ndim:
         answers["critical_intensity"] = answers["critical_intensity"][..., 0]
     return answers
 
@@ -200,8 +200,8 @@ def _compute_at_points(
     """Apply a function of a scene and an argument at points of shape (axes, n), in NumPy."""
     devices = jax.local_devices()
     # On processors threads share the tiles; with accelerators one thread feeds each device.
-    on_processor = devices[0].platform == "cpu"
-    workers = max(count_processors() * on_processor, len(devices))
+    is_cpu = devices[0].platform == "cpu"
+    workers = max(count_processors() * is_cpu, len(devices))
 
     def compute_tile(number: int, tile: np.ndarray) -> PyTree:
         given = (tile, block, argument)
@@ -212,7 +212,7 @@ def _compute_at_points(
         return _apply_to_scenes(*given, function=function)
 
     values = np.asarray(points, jnp.result_type(float))
-    tile = _TILES[count_processors() > 1] if on_processor else _LARGEST
+    tile = _TILES[count_processors() > 1] if is_cpu else _LARGEST
     return apply_in_tiles(compute_tile, tile, values, workers)
 
 

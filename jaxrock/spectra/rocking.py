@@ -148,16 +148,16 @@ def _simulate_part(
     model: RockingModel,
     tolerance: float | None,
     shared: tuple[Block, Motion | Suite],
-    *parts: np.ndarray,
+    *coordinates: np.ndarray,
 ) -> dict[str, np.ndarray]:
     """Simulate blocks over a part of a grid, the values along whose axes are the parts."""
     block, motion = shared
-    labels: dict[str, Any] = dict(zip(names, parts, strict=True))
-    axes: Sequence[np.ndarray] = parts
+    labels: dict[str, Any] = dict(zip(names, coordinates, strict=True))
+    axes: Sequence[np.ndarray] = coordinates
     if isinstance(motion, Suite):
         # A chunk has neighbouring records, of some perhaps one direction only. A slice of a
         # suite in both directions would refuse that: hence a plain suite.
-        records, *axes = parts
+        records, *axes = coordinates
         chosen = slice(records[0], records[-1] + 1)
         motion = Suite(motion.records[chosen], motion.names[chosen])
         labels["record"] = motion.names

@@ -100,12 +100,12 @@ def solve_linearized(scene: HarmonicScene) -> SteadyMotion:
         push = (1 + w**2) * (cosine * even - sine * odd)
         return rotation, velocity, rotation - 1 + push
 
-    from_parts, from_landing = _compute_trace_terms(c, w)
+    constant_term, reciprocal_term = _compute_trace_terms(c, w)
     return SteadyMotion(
         landing=2 * m,
         sine=(1 + w**2) * sine,
         cosine=(1 + w**2) * cosine,
-        trace=from_landing / m - from_parts,
+        trace=reciprocal_term / m - constant_term,
         exists=exists,
         path=path,
     )
@@ -129,8 +129,8 @@ def _compute_trace_terms(c: Reals, w: Reals) -> tuple[Reals, Reals]:
     length = math.pi / w
     # cosh(T) - 1, which would cancel for a fast floor.
     rise = 2 * jnp.sinh(0.5 * length) ** 2
-    from_parts = 2 * c * (1 + rise) + 0.5 * rise * (1 + w**2) * (1 - c) ** 2
-    return from_parts, 0.5 * (1 + c) * jnp.sinh(length)
+    constant_term = 2 * c * (1 + rise) + 0.5 * rise * (1 + w**2) * (1 - c) ** 2
+    return constant_term, 0.5 * (1 + c) * jnp.sinh(length)
 
 
 def require_two_sides(arguments: dict[str, Any]) -> None:
@@ -213,7 +213,7 @@ def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Nu
     t, loss, _ = _compute_coefficients(c, w)
     # A multiplier is -1 where 1 + trace + C^2 = 0. That is linear in 1 / m, and with m both
     # equations for the phase give k.
-    from_parts, from_landing = _compute_trace_terms(c, w)
-    m = from_landing / (from_parts - (1 + c**2))
+    constant_term, reciprocal_term = _compute_trace_terms(c, w)
+    m = reciprocal_term / (constant_term - (1 + c**2))
     strength = jnp.sqrt((t * loss * m) ** 2 + ((t - (1 + c) * m) / w) ** 2)
     return block.gravity * block.critical_angle * (1 + w**2) * strength

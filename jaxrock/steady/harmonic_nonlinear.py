@@ -60,19 +60,19 @@ def _make_collocation() -> dict[str, np.ndarray]:
     half_end = 0.5 * twice.sum(axis=0)
     twice[:2] -= half_end
     once[0] -= half_end
-    from_nodes = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
-    series = np.stack([twice, once, orders]) @ from_nodes
-    at_nodes, at_ends = (
+    interpolation = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
+    series = np.stack([twice, once, orders]) @ interpolation
+    node_values, end_values = (
         chebyshev.chebvander(points, _NODES + 1) for points in (nodes, [-1.0, 1.0])
     )
-    first_slope, last_slope = at_ends @ series[1]
+    first_slope, last_slope = end_values @ series[1]
     phase = 0.5 * np.pi * (1 + nodes)
     return dict(
         elapsed=1 + nodes,
         sine=np.sin(phase),
         cosine=np.cos(phase),
         series=series,
-        between=at_nodes @ series[0],
+        between=node_values @ series[0],
         first_slope=first_slope,
         last_slope=last_slope,
     )
@@ -101,16 +101,16 @@ def _compute_residuals(
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]
     sine, cosine = unknowns[-2:]
-    to_rotation = half**2 * maps.between
-    to_impact = half * (maps.first_slope + scene.restitution * maps.last_slope)
-    needed, (by_rotation, by_push) = _compute_node_accelerations(scene, unknowns)
-    law = _multiply_precisely(to_impact, acceleration)
+    rotation_map = half**2 * maps.between
+    impact_row = half * (maps.first_slope + scene.restitution * maps.last_slope)
+    needed, (rotation_slope, push_slope) = _compute_node_accelerations(scene, unknowns)
+    law = _multiply_precisely(impact_row, acceleration)
     strength = sine**2 + cosine**2 - amplitude**2
     identity = jnp.eye(needed.size, dtype=needed.dtype)
-    to_push = jnp.stack([maps.cosine, maps.sine], axis=1)
+    push_map = jnp.stack([maps.cosine, maps.sine], axis=1)
     jacobian = [
-        [identity - by_rotation[:, None] * to_rotation, -by_push[:, None] * to_push],
-        [to_impact[None], jnp.zeros_like(unknowns[None, -2:])],
+        [identity - rotation_slope[:, None] * rotation_map, -push_slope[:, None] * push_map],
+        [impact_row[None], jnp.zeros_like(unknowns[None, -2:])],
         [jnp.zeros_like(needed[None]), 2 * unknowns[None, -2:]],
     ]
     return jnp.hstack([acceleration - needed, law, strength]), jnp.block(jacobian)
@@ -193,8 +193,8 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
 
     no = jnp.zeros((), bool)
     start = _Newton(unknowns, first, no, jnp.isfinite(unknowns).all(), jnp.zeros((), int))
-    end = jax.lax.while_loop(lambda state: state.goes_on, take_step, start)
-    return jnp.where(end.solved, end.unknowns, 1), end.solved
+    final = jax.lax.while_loop(lambda state: state.goes_on, take_step, start)
+    return jnp.where(final.solved, final.unknowns, 1), final.solved
 
 
 # Derivatives come from the implicit function theorem: none passes through the search.

@@ -220,9 +220,9 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
         reached = (velocity > 0) & ((jnp.abs(new.newton) <= size) | stuck)
         # An unstable fixed point is none: no motion stays there.
         stands = reached & (jnp.abs(values[0]) <= 1)
-        from_rest = _iterate_from_rest(search, new, stands, overturns, place_point(0))
+        iterated = _iterate_from_rest(search, new, stands, overturns, place_point(0))
         scanned = _scan_downwards(search, new, reached, stands, place_point)
-        return select_tree(search.point < 0, from_rest, scanned), values
+        return select_tree(search.point < 0, iterated, scanned), values
 
     zero = jnp.zeros_like(top)
     count = jnp.zeros((), int)
@@ -232,13 +232,13 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
     begin = _PhaseSearch(
         zero, start, count - 1, count, ~no, no, no, zero + 1, no, zero, start, start
     )
-    end, values = jax.lax.while_loop(
+    final, values = jax.lax.while_loop(
         lambda state: state[0].goes_on, evaluate_map, (begin, (zero, zero, zero))
     )
-    root, *values = (jnp.where(end.exists, x, 0) for x in (end.last.velocity, *values))
-    at_rest = end.point < 0
-    flags = at_rest & end.exists, ~at_rest & ~end.exists, end.overturns
-    return Root(root, tuple(values), end.exists, flags)
+    root, *values = (jnp.where(final.exists, x, 0) for x in (final.last.velocity, *values))
+    from_rest = final.point < 0
+    flags = from_rest & final.exists, ~from_rest & ~final.exists, final.overturns
+    return Root(root, tuple(values), final.exists, flags)
 
 
 def _iterate_from_rest(
@@ -267,30 +267,30 @@ def _iterate_from_rest(
         & (old.velocity > 0)
     )
     accepted = linear | ~search.extrapolates
-    at = select_tree(accepted, new, old)
-    gap = at.gap
-    velocity = at.velocity
-    rate = 1 + at.slope
+    sample = select_tree(accepted, new, old)
+    gap = sample.gap
+    velocity = sample.velocity
+    rate = 1 + sample.slope
     reach = jnp.where(linear, 4 * search.reach, 1)
     # No further than Newton's step, which is infinite where the map climbs as fast as v.
-    newton = jnp.where(rate < 1, jnp.abs(at.newton), jnp.inf)
+    newton = jnp.where(rate < 1, jnp.abs(sample.newton), jnp.inf)
     step = jnp.sign(gap) * jnp.minimum(newton, reach * jnp.abs(gap))
     # Where the map falls, so that its iterates alternate, its own step; Newton's from nearby.
     near = (jnp.abs(gap) <= 1e-4 * velocity) & (jnp.abs(rate) < 1)
-    step = jnp.where(rate > 0, step, jnp.where(near, at.newton, gap))
+    step = jnp.where(rate > 0, step, jnp.where(near, sample.newton, gap))
     # Down to 0 in many steps, so that a fixed point on the way is seen. The map itself may go
     # there at once.
     step = jnp.maximum(step, jnp.minimum(gap, -0.9 * velocity))
     first = jnp.where(velocity == 0, gap, search.first)
     dying = (gap < 0) & (velocity <= _DYING * first)
     # The tangent leads through 0, as under the beginning of a pulse: the motion dies out.
-    straight = jnp.abs(gap - at.slope * velocity) <= 1e-3 * velocity
+    straight = jnp.abs(gap - sample.slope * velocity) <= 1e-3 * velocity
     stands = stands & accepted
     goes_on = ~stands & ~(accepted & jnp.isnan(new.gap)) & (search.since < _MAX_FROM_REST)
     dies = goes_on & accepted & ((velocity + gap == 0) | (dying & straight))
     return search._replace(
         trial=jnp.where(dies, top, velocity + step),
-        last=at,
+        last=sample,
         point=jnp.where(dies, 0, search.point),
         since=jnp.where(dies, 0, search.since + 1),
         goes_on=goes_on,
@@ -326,9 +326,9 @@ def _scan_downwards(
     # landing follows, stays in the interval as well.
     climbs = (left.gap < 0) & (jnp.isnan(right.gap) | (new.slope > 0))
     stays = jnp.where(jnp.isnan(new.gap), jnp.isnan(left.gap), climbs)
-    to_left = (search.since == 0) | (new.gap >= 0) | stays
-    left = select_tree(to_left, new, left)
-    right = select_tree(to_left, right, new)
+    moves_left = (search.since == 0) | (new.gap >= 0) | stays
+    left = select_tree(moves_left, new, left)
+    right = select_tree(moves_left, right, new)
     halve = (search.since > 0) & (search.since % 3 == 0)
     hides, between = _propose_velocity(left, right, new, halve)
     # Between neighbouring numbers the gap jumps over 0.

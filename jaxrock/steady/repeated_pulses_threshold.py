@@ -168,8 +168,8 @@ def _compute_margin(
         margin = (returning - outward) / equation.critical_velocity
         return margin, (outward, response.impacts > 0)
 
-    at = logarithm, equation.critical_velocity
-    return jax.jvp(margin_when_pulse_ends, at, direction, has_aux=True)
+    point = logarithm, equation.critical_velocity
+    return jax.jvp(margin_when_pulse_ends, point, direction, has_aux=True)
 
 
 def _compute_threshold_residual(

@@ -174,8 +174,8 @@ class OutcomeFit(Printed, eqx.Module):
         return dict(zip(heads, map(list, zip(*rows, strict=True)), strict=True))
 
     def __str__(self) -> str:
-        in_groups = f" in {self.groups} groups" if self.grouped else ""
-        head = f"{self.tests} tests{in_groups}, {self.overturned} overturned"
+        grouping = f" in {self.groups} groups" if self.grouped else ""
+        head = f"{self.tests} tests{grouping}, {self.overturned} overturned"
         table = self.table()
         names = [
             name.replace("_", " ") + (f" [{UNITS[name]}]" if name in UNITS else "")

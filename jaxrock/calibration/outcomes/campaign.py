@@ -162,15 +162,15 @@ def _as_single(name: str, value: object, unit: str, domain: Domain) -> float:
 
 
 class CampaignFit(NamedTuple):
-    """Populations fitted to parts of the tests of a campaign, from one sample of blocks.
+    """Populations fitted to subsets of the tests of a campaign, from one sample of blocks.
 
     Attributes
     ----------
     evidence : Evidence
     modes : list of Mode
-        For each part.
+        For each subset.
     posterior : Posterior
-        Of the first part.
+        Of the first subset.
     """
 
     evidence: Evidence
@@ -178,20 +178,20 @@ class CampaignFit(NamedTuple):
     posterior: Posterior
 
 
-def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
-    """Fit a population to each part of the tests, from one sample of blocks.
+def fit_parts(campaign: Campaign, subsets: Sequence[np.ndarray]) -> CampaignFit:
+    """Fit a population to each subset of the tests, from one sample of blocks.
 
-    Blocks of the prior lead to a first population that fits the first part. Around it, and wide
-    enough for the populations of all parts, more blocks are drawn. Where blocks are drawn changes
+    Blocks of the prior lead to a first population that fits the first subset. Around it, and wide
+    enough for the populations of all subsets, more blocks are drawn. Where blocks are drawn changes
     how accurate an answer is, not what it would be with ever more of them.
 
     Parameters
     ----------
     campaign : Campaign
-    parts : sequence of ndarray of bool, shape (tests,)
+    subsets : sequence of ndarray of bool, shape (tests,)
         Which tests count.
     """
-    counts = [campaign.pad(part.astype(float)) for part in parts]
+    counts = [campaign.pad(subset.astype(float)) for subset in subsets]
     mean, width = (
         np.array([float(getattr(population, name)) for name in NAMES])
         for population in campaign.prior
@@ -201,7 +201,7 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
     mode = search_mode(evidence, counts[0], np.zeros(len(vars(campaign.prior.mean))))
     covariance = compute_covariance(mode, evidence, counts[0])
     # The fewer tests, the less certain the medians.
-    fewest = min(part.sum() for part in counts)
+    fewest = min(subset.sum() for subset in counts)
     proposed = propose_blocks(mode, covariance * counts[0].sum() / fewest, campaign.prior)
     evidence = campaign.draw_evidence([widest, NormalComponent(*proposed, campaign.samples)])
     shown = show_progress(counts, "fits")

@@ -114,6 +114,6 @@ def compute_log_likelihood(
     likelihood = jnp.where(data.overturned[:, None] > 0, probability, 1 - probability)
     logarithms = counts[:, None] * jnp.log(likelihood)
     # There are no more groups than tests. A group without tests has a likelihood of 1.
-    of_groups = jax.ops.segment_sum(logarithms, data.group, len(data.group))
+    grouped = jax.ops.segment_sum(logarithms, data.group, len(data.group))
     log_weights = jnp.log(points.node_weights)
-    return jnp.sum(jax.scipy.special.logsumexp(of_groups + log_weights[None, :], axis=1))
+    return jnp.sum(jax.scipy.special.logsumexp(grouped + log_weights[None, :], axis=1))

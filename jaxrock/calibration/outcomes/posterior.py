@@ -151,12 +151,12 @@ def propose_blocks(
     mean, factor : ndarray, shape (3,), (3, 3)
         Of ln(alpha_c), ln(p) and logit(C): mean, and Cholesky factor of the covariance.
     """
-    mean, within = _compute_moments(as_array(mode.standard), prior)
+    mean, block_covariance = _compute_moments(as_array(mode.standard), prior)
     fields = list(vars(prior.width))
     medians = [fields.index(name) for name in NAMES]
     width = np.array([float(getattr(prior.width, name)) for name in NAMES])
-    of_medians = covariance[np.ix_(medians, medians)] * width * width[:, None]
-    factor = np.linalg.cholesky(np.asarray(within, float) + of_medians)
+    median_covariance = covariance[np.ix_(medians, medians)] * width * width[:, None]
+    factor = np.linalg.cholesky(np.asarray(block_covariance, float) + median_covariance)
     return np.asarray(mean, float), _WIDER_BLOCKS * factor
 
 

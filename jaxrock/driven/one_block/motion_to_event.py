@@ -95,8 +95,8 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     # accelerated now, whatever the event before made of it.
     still = state.velocity == 0
     # `FALLING` on the ground: its peak was at rotation 0, and it rests.
-    on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
-    down = jnp.where(state.rotation > 0, FALLING, on_ground)
+    grounded = jnp.where(state.phase == FALLING, REST, state.phase)
+    down = jnp.where(state.rotation > 0, FALLING, grounded)
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
     phase = jnp.where(still & (acceleration > 0), RISING, phase)
     # In balance the acceleration is exactly 0. Between two knots the input is monotone, so that

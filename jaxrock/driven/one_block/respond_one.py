@@ -127,8 +127,8 @@ def respond(  # noqa: PLR0913
     False 0
     """
     check_kind("block", block, Block)
-    parts = motion if isinstance(motion, list | tuple) else [motion]
-    many = any(isinstance(part, Suite | Motion) for part in parts)
+    motions = motion if isinstance(motion, list | tuple) else [motion]
+    many = any(isinstance(item, Suite | Motion) for item in motions)
     check_kind("motion", motion, Motion, hint="; respond_batch takes several" if many else "")
     duration = motion.end if duration is None else duration
     driven = Driven(block, restitution, motion, duration, rotation, velocity)
@@ -151,8 +151,8 @@ def respond(  # noqa: PLR0913
     # Motions of many shapes share one program; the response keeps the motion as it is.
     bucketed = driven.bucketed()
     concrete = not is_traced(driven)
-    on_processor = concrete and jax.default_backend() == "cpu"
-    follow = follow_concrete if on_processor else follow_driven_jitted
+    runs_on_cpu = concrete and jax.default_backend() == "cpu"
+    follow = follow_concrete if runs_on_cpu else follow_driven_jitted
     max_impacts = _MAX_IMPACTS if concrete else max_impacts
     with contextlib.ExitStack() as stack:
         # Only where they are on: each change of the configuration compiles anew.

@@ -130,8 +130,8 @@ class Response(Shown, eqx.Module):
             )
         if is_traced((driven, events, times)):
             flat = times.astype(events.time.dtype).reshape(-1)
-            parts = _compute_history(driven, events, self.model, flat)
-            return parts[0].reshape(shape), parts[1].reshape(shape)
+            history = _compute_history(driven, events, self.model, flat)
+            return history[0].reshape(shape), history[1].reshape(shape)
 
         # Concrete times come in pieces of one length, and concrete events in lists of few
         # lengths, so that few programs are compiled; in NumPy, which compiles nothing.

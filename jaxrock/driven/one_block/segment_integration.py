@@ -313,9 +313,9 @@ def _reach_event(
     # Rotation and velocity as polynomials in the time after the end, of the powers 1 to 4.
     rates = velocity, 0.5 * acceleration, jerk / 6, snap / 24
     velocity_rates = acceleration, 0.5 * jerk, snap / 6, jnp.zeros_like(end)
-    on_rotation, on_velocity = event_functions.weigh(event)
+    weight, rate_weight = event_functions.weigh(event)
     slope, bend, third, fourth = (
-        on_rotation * r + on_velocity * v for r, v in zip(rates, velocity_rates, strict=True)
+        weight * r + rate_weight * v for r, v in zip(rates, velocity_rates, strict=True)
     )
     value = values[event]
     # A function that does not fall here has no event here: the end stands.

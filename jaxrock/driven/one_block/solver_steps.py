@@ -68,7 +68,7 @@ class Arc(NamedTuple):
     last: Reals  # rotation and velocity at the end
     last_rates: Reals
 
-    def interpolate(self, share: Reals) -> tuple[Reals, Reals]:
+    def interpolate(self, fraction: Reals) -> tuple[Reals, Reals]:
         """Interpolate rotation and velocity at shares of the step, by a quintic.
 
         It goes through the rotation, velocity and acceleration of both ends.
@@ -88,10 +88,10 @@ class Arc(NamedTuple):
         third = 10 * excess - 4 * steeper + sharper
         fourth = -15 * excess + 7 * steeper - 2 * sharper
         fifth = 6 * excess - 3 * steeper + sharper
-        rotation, slope = fifth * share + fourth, fifth
+        rotation, slope = fifth * fraction + fourth, fifth
         for coefficient in (third, bend, drift, self.y[0]):
-            slope = slope * share + rotation
-            rotation = rotation * share + coefficient
+            slope = slope * fraction + rotation
+            rotation = rotation * fraction + coefficient
         return rotation, slope / jnp.where(step > 0, step, 1)
 
 
@@ -176,9 +176,9 @@ def choose_first_step(
 
     # If the acceleration changes its sign meanwhile, linearly, half the time until then.
     changes_sign = (first * last < 0) & ~lifted
-    share = first / jnp.where(changes_sign, first - last, 1)
+    fraction = first / jnp.where(changes_sign, first - last, 1)
     jerk = (last - first) / jnp.where(step > 0, step, 1)
-    step = jnp.where(changes_sign, 0.5 * share * step, step)
+    step = jnp.where(changes_sign, 0.5 * fraction * step, step)
 
     # A bounce from the ground takes 2 velocity / acceleration: a quarter of that.
     largest = jnp.maximum(jnp.abs(first), jnp.abs(last))

@@ -31,7 +31,7 @@ class UpliftTable(eqx.Module):
     def of(cls, equation: Equation, motion: Motion) -> "UpliftTable":
         """Make the table of a motion."""
         knots = motion.knots()
-        excess, _, demand, normal = _rest(equation, motion, knots)
+        excess, _, demand, normal = _describe_rest(equation, motion, knots)
         # A knot behind the last one stands for none.
         indices = jnp.where(excess > 0, jnp.arange(knots.size), knots.size)
         next_lifting = jax.lax.cummin(indices, reverse=True)
@@ -74,13 +74,13 @@ class UpliftTable(eqx.Module):
 
         # The motion may lift already now: behind an edge of the input, or after an impact that
         # left the block at rest.
-        excess_now, side_now, *_ = _rest(self.equation, self.motion, time)
-        at_once = excess_now > 0
+        excess_now, side_now, *_ = _describe_rest(self.equation, self.motion, time)
+        lifts_now = excess_now > 0
         excess_begin = jnp.where(lower > time, self.excess[before], excess_now)
-        is_inside = lifts & (excess_begin < 0) & ~at_once
+        is_inside = lifts & (excess_begin < 0) & ~lifts_now
 
-        def compute_excess(share: Reals) -> tuple[Reals, Reals]:
-            return _rest(self.equation, self.motion, lower + share * length)[:2]
+        def compute_excess(fraction: Reals) -> tuple[Reals, Reals]:
+            return _describe_rest(self.equation, self.motion, lower + fraction * length)[:2]
 
         # In shares of the interval: halved down to rounding, then two steps of Newton's method,
         # of which each makes one more derivative exact. The value is exact already.
@@ -103,11 +103,11 @@ class UpliftTable(eqx.Module):
             begin = jnp.where(halves & below, middle, begin)
             return begin, jnp.where(halves, jnp.where(below, end, middle), newton), side
 
-        _, share, side = jax.lax.fori_loop(0, bits + 2, refine, (zero, zero + 1, side_now))
-        when = jnp.where(is_inside, lower + share * length, lower)
-        when = jnp.where(at_once, time, when)
-        lifted = (lifts | at_once) & (when < stop)
-        return lifted, when, jnp.where(at_once, side_now, side)
+        _, fraction, side = jax.lax.fori_loop(0, bits + 2, refine, (zero, zero + 1, side_now))
+        when = jnp.where(is_inside, lower + fraction * length, lower)
+        when = jnp.where(lifts_now, time, when)
+        lifted = (lifts | lifts_now) & (when < stop)
+        return lifted, when, jnp.where(lifts_now, side_now, side)
 
     def find_force_extremes(
         self, time: Reals, until: Reals, acts: Booleans
@@ -117,8 +117,8 @@ class UpliftTable(eqx.Module):
         They are sought at both times and at the knots between them. While the input does not
         act, the block presses with its weight.
         """
-        ends = jnp.stack([time, until])
-        _, _, demand, normal = _rest(self.equation, self.motion, ends)
+        limits = jnp.stack([time, until])
+        _, _, demand, normal = _describe_rest(self.equation, self.motion, limits)
         demand = pick_largest(jnp.where(acts, demand, 0))
         normal = -pick_largest(-jnp.where(acts, normal, 1))
         # Which knots count has no derivative. There may be thousands of knots, of which a wait
@@ -145,7 +145,7 @@ def _count_until(knots: Reals, time: Reals) -> Integers:
 # Jitted, so that it enters the program once for each shape of its arguments, however often it
 # is called.
 @jax.jit
-def _rest(
+def _describe_rest(
     equation: Equation, motion: Motion, time: Reals
 ) -> tuple[Reals, Reals, Reals, Reals]:
     """Describe a block at rest.
