@@ -1,4 +1,4 @@
-"""Derivatives of closed forms: how accurate they are, and how far the answer goes on."""
+"""Derivatives of closed forms: their accuracy, and the ranges in which answers are finite."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -8,15 +8,15 @@ import numpy as np
 from .distributions import is_between_0_and_1
 from .parameters import Answer, Parameters, evaluate_answer
 
-# Units of rounding, of each parameter and of the derivative. Against mpmath, 2 and 6 bound the
-# errors of all answers of a scene up to 1e-14 of the overturning threshold, 2 and 9 also those of
-# critical values.
+# Units of rounding, of each parameter and of the derivative. In comparisons with mpmath, 2 and
+# 6 bound the errors of all answers of a scene up to 1e-14 of the overturning threshold; 2 and
+# 9 bound the errors of critical values as well.
 _UNITS_OF_PARAMETER = 2
 _UNITS_OF_DERIVATIVE = 10
-# Distances over the value, of where an end is sought first; later between two of them.
-# A small C is far from its end at 1.
+# Distances over the value, at which a limit is sought first; the search goes on between two of
+# them. They are large for the sake of a small C, whose limit is 1.
 _DISTANCES = np.array([0.0, *2.0 ** np.arange(-5, 3), *2.0 ** np.arange(4, 60, 7)])
-_ROUNDS = 16  # 18^15 is more than all floats of the first interval
+_ROUNDS = 16  # 18^15 exceeds the number of floats in the first interval
 
 
 class ClosedFormDerivatives(NamedTuple):
@@ -78,7 +78,8 @@ def estimate_rounding(
     ndarray, shape (..., names)
         Absolute, in the units of the derivatives.
     """
-    # Between 1/2 and 1 the difference to 1 is exact, and only that is rounded further on.
+    # Between 1/2 and 1 the difference to 1 is exact, and only this difference is rounded
+    # later.
     is_fraction = [is_between_0_and_1(name) for name in names]
     sizes = np.where(is_fraction, np.minimum(point, 1 - point), point)
     changes = np.abs(hessian * sizes[..., None, :]).sum(axis=-1)
@@ -111,14 +112,14 @@ def find_finite_ranges(
     size = np.where(point == 0, 1.0, np.abs(point))[..., None, :, None]
     directions = np.array([-1.0, 1.0])[:, None, None]
     is_varied = np.eye(point.shape[-1], dtype=bool)[:, None]
-    # The last value with a finite answer, one without, and others that are tried.
+    # The last value with a finite answer, one without, and values between them.
     near = point[..., None, :, None] + 0.0 * directions
     far = near + np.inf * directions
     values = near + size * directions * _DISTANCES
     for _ in range(_ROUNDS):
         trials = np.where(is_varied, values[..., None], point[..., None, None, None, :])
         is_finite = np.isfinite(evaluate(trials))
-        # As many as are finite before the first that is not.
+        # The number of finite values before the first that is not finite.
         count = np.cumprod(is_finite, axis=-1).sum(axis=-1, keepdims=True)
         edges = np.concatenate([near, values, far], axis=-1)
         near = np.take_along_axis(edges, count, axis=-1)
@@ -126,6 +127,6 @@ def find_finite_ranges(
         values = near + np.where(np.isinf(far), 0.0, far - near) * np.arange(1, 18) / 18
     # Both are the point itself where it has no finite answer.
     limits = np.where(np.isinf(far), far, np.where(near == far, np.nan, near))
-    # A positive parameter ends at 0, which is none of its values.
+    # The lower limit of a positive parameter is 0, which itself is not allowed.
     limits = np.where(np.abs(limits) < 4 * np.finfo(float).eps * size, 0.0, limits)[..., 0]
     return limits[..., 0, :], limits[..., 1, :]

@@ -114,8 +114,7 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     names = parameters.names
     x = parameters.get_values(names)
     result = differentiate_closed_form(answer, parameters, names, x)
-    # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
-    # warning.
+    # An answer of 0, as below uplift, has no elasticity: NaN or inf, without a warning.
     with np.errstate(divide="ignore", invalid="ignore"):
         elasticity = result.gradient * x.astype(result.gradient.dtype) / result.value
     return Sensitivities(
@@ -244,16 +243,18 @@ def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     Raises
     ------
     ValueError
-        If there is no range, or one is not a low and a high value around that of the point.
+        If there is no range, or a range is not a low and a high value around the value of the
+        point.
     """
     if not ranges:
         raise ValueError("ranges must not be empty: they name the parameters to vary")
-    # One batch for one program.
+    # All points are one batch for one program.
     points = np.tile(point, (1 + 2 * len(ranges), 1))
     for k, (name, limits) in enumerate(ranges.items()):
         if np.shape(as_real(f"ranges of {name}", limits)) != (2,):
             raise ValueError(f"ranges of {name} must be two numbers, got {describe(limits)}")
-        # A value in float32, or computed from others, is hardly the number that was typed.
+        # A value in float32, or computed from other values, may differ by rounding from the
+        # number that was typed.
         rounding = 1e-6 * abs(point[k])
         low, high = limits
         if not low - rounding <= point[k] <= high + rounding:
@@ -269,12 +270,12 @@ def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
 def arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> TornadoBars:
     """Arrange answers at the points of `list_ends` as bars, the widest first.
 
-    `limits` are from where and to where the answer goes on along each parameter.
+    `limits` are the limits of finite answers along each parameter.
     """
     bounds = np.asarray(list(ranges.values()), float)
     answers = values[1:].reshape(-1, 2)
     # An end at which the block overturns has no answer: such a bar is the widest of all.
-    # Stable, so that equal bars keep the order in which they were asked for.
+    # The sort is stable, so that equal bars keep the order in which they were asked for.
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)

@@ -22,12 +22,12 @@ from .outcome_statistics import compute_derivatives, compute_interval, compute_s
 from .parameters import describe_parameter, name_parameters
 from .uncertain import ARGUMENT, Uncertain, list_single_coefficients
 
-# Derivatives of probabilities, and what they are the change for.
+# Derivatives of probabilities, and the changes of a parameter that they belong to.
 _CHANGES = {
     "by_median": "median +1 %",
     "by_coefficient_of_variation": "coefficient of variation +0.01",
 }
-# An outcome has indices and derivatives if at least so many samples have it, and have it not.
+# Smallest number of samples with an outcome, and without it, for indices and derivatives.
 _FEWEST = 20
 _LARGEST_ERROR = 0.25  # of an index that is given
 
@@ -183,7 +183,7 @@ def describe_index(value: float, error: float) -> str:
 
 
 def _write_change(value: float, error: float) -> str:
-    """Write the change of a probability for a hundredth more; nothing where noise hides it."""
+    """Write the change of a probability for a hundredth more; nothing if noise hides it."""
     if not error < abs(value):
         return "" if math.isnan(error) else "within noise"
     return f"{0.01 * value:+.4f} +- {0.01 * error:.4f}"
@@ -283,14 +283,14 @@ def outcome_probabilities(
         answers = _simulate_samples(parameters.build(drawn), motion, as_model(model), ratio)
     answers = np.moveaxis(answers.reshape(*answers.shape[:2], -1, samples), 2, 0)
     outcomes = answers[0, 1:]
-    # Errors estimated from a few samples are none; the peak always has many values.
+    # Errors estimated from a few samples are meaningless. The peak always has many values.
     happens = outcomes.sum(axis=(1, 2))
     clear = np.minimum(happens, outcomes[0].size - happens) >= _FEWEST
     blank = np.where(clear, 1.0, np.nan)[:, None]
     indices = compute_sobol_indices(answers[0], answers[1], answers[2:])
     blanks = np.concatenate([[[1.0]], blank])
     statistics = {name: part * blanks for name, part in indices._asdict().items()}
-    # The directions of a record count as one record, by their mean.
+    # Both directions of a record count as one record, by their mean.
     directions = motion.directions if isinstance(motion, Suite) else 1
     recordings = [np.asarray(average_directions(part, directions)) for part in outcomes]
     inputs = {name: part[:samples] for name, part in drawn.items()}
@@ -310,7 +310,7 @@ def outcome_probabilities(
         probability=record_probabilities.mean(axis=0),
         low=low,
         high=high,
-        record_probabilities=record_probabilities,
+        by_record=record_probabilities,
         names=names,
         median=values,
         coefficient_of_variation=variations,
@@ -337,12 +337,13 @@ def _simulate_samples(
     point: Mapping[str, Any], motion: Motion | Suite, model: RockingModel, ratio: float
 ) -> np.ndarray:
     """Simulate all samples; peak and outcomes, shape (answers, records, samples)."""
-    # Drawn in float64, simulated in the precision that JAX has been set to.
+    # Samples are drawn in float64, and simulated in the precision of JAX.
     blocks = jax.device_put(point["block"])
     critical_angle = np.asarray(blocks.critical_angle)
     restitution, factor = (as_real(name, point[name]) for name in ("restitution", "factor"))
     answers = []
-    # One by one: the samples fill the queue, and all records together need not fit into memory.
+    # Records are simulated one by one: the samples fill the queue, and all records together
+    # need not fit into memory.
     for part in list(motion) if isinstance(motion, Suite) else [change_motion(motion, point)]:
         batch = Batch.of(blocks, restitution, part).scaled(np.asarray(factor))
         response = follow_batch(replace(batch, until=batch.until + BEYOND), model)

@@ -183,7 +183,8 @@ def _compute_threshold_residual(
     )
     # The block lands with sqrt(v_c^2 + v^2 - D^2), where v is its velocity at the end of the
     # pulse and D the velocity at which it just fails to come back. The margin is
-    # (D - v) / v_c, and at the threshold v is D: so the landing velocity changes by -v times the margin.
+    # (D - v) / v_c, and at the threshold v is D: so the landing velocity changes by -v times
+    # the margin.
     return margin, (-velocity * slope,)
 
 
