@@ -70,7 +70,7 @@ CODE_LINES = {
     "steady": 876,
     "overturning": 529,
     "sensitivity": 1429,
-    "calibration": 1048,
+    "calibration": 1046,
     "calibration/outcomes": 950,
     "accuracy": 453,
     "grids": 324,

@@ -237,7 +237,7 @@ def tabulate_scores(scores: "xarray.Dataset") -> dict[str, list[Any]]:
     columns = {"predictor": scores.predictor.values.tolist()}
     for name in _SCORES:
         columns[name] = scores[name].mean("split").values.tolist()
-        # One split says nothing of others.
+        # One split has no standard deviation.
         several = scores[name] if scores.sizes["split"] > 1 else scores[name] * np.nan
         columns[f"{name}_deviation"] = several.std("split", ddof=1).values.tolist()
     return columns
