@@ -26,8 +26,8 @@ from ..validation import (
 from .motion import Motion
 
 _MOST_CYCLES = 10**6
-# Periods for which there is room at least. A power of two, as all larger sizes are: so few
-# sizes exist, and each number of periods below this one shares one program.
+# Least room for periods. Like all larger sizes it is a power of two: so there are few sizes,
+# and all numbers of periods up to this one share a program.
 _LEAST_ROOM = 256
 
 
@@ -110,8 +110,8 @@ class Harmonic(Motion):
 
     def knots(self) -> Float[Array, " knots"]:
         """Return start, extremes and end [s]; see `Motion.knots`."""
-        # The sine has its extremes at odd multiples of a quarter of a period. The clip makes
-        # the start of the number before the first, and the end of all in the spare room.
+        # The sine has its extremes at odd multiples of a quarter of a period. The clip turns
+        # the knot before the first extreme into the start, and the spare room into the end.
         numbers = 0.5 * jnp.arange(2 * self.cycles + 2, dtype=self.frequency.dtype) - 0.25
         return self.start + jnp.clip(numbers, 0, self._period_count) * self.period
 
@@ -161,8 +161,8 @@ class PaddedHarmonic(Harmonic):
 
 def _check_cycles(cycles: Any) -> int:
     """Convert the argument `cycles` to an int; a `ValueError` if it counts no periods."""
-    # Any number that is not allowed, here 0, leads to the error below. True is an index to
-    # Python, but a mistake here; a traced number raises a TypeError.
+    # A number that is not allowed, such as 0 here, leads to the error below. Python takes True
+    # for an index, but it is a mistake here; a traced number raises a TypeError.
     try:
         number = 0 if isinstance(cycles, bool | np.bool_) else operator.index(cycles)
     except TypeError:

@@ -34,16 +34,16 @@ from .blocks import SharedBlock, VariableTable, make_axes, make_unit_block, make
 if TYPE_CHECKING:
     import xarray
 
-_LARGEST = 2**12  # points of a spectrum that are computed at once
-_TILE = 2**6  # points whose orbits go through a program at once
-# Of the programs for orbits only one runs at a time: in JAX 0.10 the threads of several wait
+_LARGEST = 2**12  # number of points that are computed at once
+_TILE = 2**6  # number of orbits in a program
+# Only one program for orbits runs at a time: in JAX 0.10 the threads of several programs wait
 # for each other.
 _turns = threading.Lock()
-# Relative change of the launch velocity, by which a block leaves an orbit that is not stable.
-# Small enough to be near the orbit, and far above rounding, which would need many periods to
-# grow to a motion of another kind.
+# Relative change of the launch velocity at which a block starts to leave an unstable orbit. It
+# is small enough to start near the orbit, and far above rounding, which would take many
+# periods to grow.
 _DISTURBANCE = 1e-3
-_MAX_LINES = 5  # frequencies that are printed
+_MAX_LINES = 5  # number of frequencies that are printed
 
 _AXES = {  # long names
     "frequency_ratio": "frequency of the floor over p",
@@ -146,7 +146,7 @@ def harmonic_spectrum(
         _LARGEST,
         shared=shared,
     ).build_dataset(chunks)
-    # The axes are called after pulses, which these names have in other spectra.
+    # In other spectra these axes describe pulses, and so do their default long names.
     for name, long_name in _AXES.items():
         spectrum[name].attrs["long_name"] = long_name
     return spectrum
@@ -162,7 +162,7 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
     ).assign_attrs(**numbers, uplift_amplitude=uplift)
     for name, units in (("frequency", "Hz"), ("amplitude", "m s-2")):
         sized[name].attrs = describe_axis(name) | {"units": units}
-        # The CF conventions allow none for coordinates, of which no value is missing.
+        # The CF conventions allow no fill value for coordinates, which have no missing values.
         sized[name].encoding["_FillValue"] = None
     return sized
 
@@ -182,7 +182,7 @@ def _compute_floors(
             return jax.block_until_ready(orbit)
 
     orbit = apply_in_tiles(compute_tile, _TILE, np.stack([amplitude, frequency]))
-    # A velocity, though it is 0: with one the program compiled for launched blocks serves.
+    # A velocity is given, although it is 0: so the program for launched blocks serves as well.
     motion = Harmonic(amplitude, frequency, cycles)
     resting = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
     peak_from_rest = np.asarray(follow_batch(resting, model).peak_rotation)
@@ -192,7 +192,7 @@ def _compute_floors(
     if unstable.size:
         motion = Harmonic(amplitude[unstable], frequency[unstable], cycles)
         launch = (1 + _DISTURBANCE) * np.asarray(orbit.launch_velocity)[unstable]
-        # Launched at its phase of the first period.
+        # The block is launched at its phase of the first period.
         phase = np.mod(np.asarray(orbit.phase)[unstable], 2 * np.pi)
         batch = Batch.of(block, restitution, motion, velocity=launch)
         launched = batch.advance(phase / np.asarray(motion.frequency))
@@ -216,8 +216,8 @@ def _compute_floors(
 
 def _flag_toppled(peak: np.ndarray) -> np.ndarray:
     """Flag blocks that have fallen by 1, others by 0."""
-    # By rotation and not by energy: the floor goes on moving, so that it does not count what
-    # the block would do on a floor at rest.
+    # The rotation decides and not the energy: the floor goes on moving, so that the motion on
+    # a floor at rest does not matter.
     return (peak >= np.asarray(TOPPLED_ROTATION, peak.dtype)).astype(np.int8)
 
 
@@ -253,7 +253,7 @@ def tabulate_regions(dataset: "xarray.Dataset") -> dict[str, object]:
 
 
 def describe_regions(dataset: "xarray.Dataset") -> str:
-    """Write what `tabulate_regions` lists, of a few of the frequencies.
+    """Write the table of `tabulate_regions` at a few of the frequencies.
 
     Parameters
     ----------

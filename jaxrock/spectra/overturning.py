@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     import xarray
 
 _TITLE = "Overturning map"
-_LARGEST = 2**8  # frequencies of a grid whose boundaries are searched at once
-_LISTED = 16  # boundaries at each frequency
+_LARGEST = 2**8  # number of frequencies whose boundaries are searched at once
+_LISTED = 16  # largest number of boundaries at each frequency
 # Type, long name and unit.
 _ALONG_BOUNDARIES: VariableTable = {
     "amplitude_ratio": (float, "amplitude of the pulse over uplift amplitude", "1"),
@@ -114,7 +114,7 @@ def overturning_map(  # noqa: PLR0913
         compute = functools.partial(_simulate_pulses, kind, model)
         grid = Grid(_TITLE, axes, variables, about, compute, LARGEST, shared=shared)
         return grid.build_dataset(chunks)
-    make_ratios(ratios, resolution)  # raises here, before any work, for what is not allowed
+    make_ratios(ratios, resolution)  # raises before any work if they are not allowed
     low, high = map(float, ratios)
     about |= {"lowest_amplitude_ratio": low, "highest_amplitude_ratio": high}
     dataset = Grid(
