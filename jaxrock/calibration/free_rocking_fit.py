@@ -107,7 +107,7 @@ def fit_free_rocking(
     Notes
     -----
     Errors of times are assumed independent, with a common standard deviation. Standard errors
-    are those of least squares.
+    come from least squares.
 
     If the two models differ in C by more than its standard error, `remarks` states the
     difference. For 12 impacts with 1 ms of noise, b = 0.3 m and C = 0.85, this occurs up to a

@@ -246,7 +246,7 @@ def fit_parameters(measured: Measurements, known: Known, noises: Noises) -> Fitt
 
 
 def _choose_start(measured: Measurements, known: Known) -> Float[np.ndarray, "5"]:
-    """Choose parameters to begin with: a line through log(x) of all half-cycles, linearized.
+    """Choose initial parameters by a line through log(x) of all half-cycles, linearized.
 
     There tanh(p duration / 2) = x, and the line falls by log(C) from each half-cycle to the
     next. Weights are reciprocals of the variances of log(x), by the delta method from equal

@@ -45,7 +45,7 @@ class Grid:
         coordinate.
     variables : mapping of str to GridVariable
         The variables. Their dimensions are axes in the order of `axes`, and after them
-        `columns`; those of axes that are single numbers are left out.
+        `columns`; axes that are single numbers are left out.
     attributes : mapping
         Attributes of the dataset.
     compute : callable

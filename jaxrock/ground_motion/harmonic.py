@@ -135,7 +135,7 @@ class Harmonic(Motion):
 class PaddedHarmonic(Harmonic):
     """A concrete harmonic motion with room for more periods: many numbers share a program.
 
-    Here `cycles`, which is static and decides about shapes, is the room; the periods of the
+    Here `cycles`, which is static and determines shapes, is the room; the periods of the
     motion itself are `filled`, a number like others.
     """
 
@@ -151,7 +151,7 @@ class PaddedHarmonic(Harmonic):
 
     @property
     def _period_count(self) -> Reals:
-        """Number of periods until the end, those of the motion itself."""
+        """Number of periods of the motion itself."""
         return self.filled
 
     def bucketed(self) -> "PaddedHarmonic":

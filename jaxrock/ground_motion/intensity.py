@@ -27,7 +27,7 @@ LARGEST_INTENSITIES = {"pga": 100.0, "pgv": 20.0}
 def warn_of_large_intensities(name: str, levels: Numbers, measure: str) -> None:
     """Warn of levels that no earthquake reaches, which are perhaps in another unit.
 
-    Traced levels, and those of measures that are relative to a block, are not looked at.
+    Traced levels, and levels of measures relative to a block, are not checked.
 
     Parameters
     ----------

@@ -60,8 +60,8 @@ def _respond_to_step(x: AnyArray, damping: AnyArray, steps: int) -> AnyArray:
     Returns
     -------
     Array, shape (..., 2, oscillators, steps)
-        At the ends of the steps, the first of which is that interval, for a unit of the
-        sample at its beginning and at its end.
+        Accelerations at the ends of the steps, for a unit sample at the beginning and one at
+        the end of the first step.
     """
     library = choose_namespace((x, damping))
     decay = damping * x

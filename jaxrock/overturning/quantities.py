@@ -47,7 +47,7 @@ class Search(NamedTuple):
         margin comes near 0.
     drop_unknown : bool
         Whether derivatives that cannot be had are 0 instead of NaN, so that a sum over many
-        boundaries has those of all others.
+        boundaries has the derivatives of all others.
     tolerance : float or None
         Relative width [-] of the bracket around a boundary at which refinement ends. None: to
         rounding.

@@ -62,8 +62,8 @@ def estimate_rounding(
     A closed form without cancellation rounds as if its parameters were off by a few units of
     rounding: the error of a derivative is that change times the second derivatives, besides a
     few units of the derivative itself (backward error analysis, Higham 2002, section 1.5,
-    https://doi.org/10.1137/1.9780898718027). This assumes that no close numbers are subtracted
-    on the way but exact ones, and that nothing underflows. It holds for the answers of a `Scene`
+    https://doi.org/10.1137/1.9780898718027). This assumes that close numbers are subtracted
+    only if they are exact, and that nothing underflows. It holds for the answers of a `Scene`
     and for critical values, but not for the motion of a model over time.
 
     Parameters

@@ -53,7 +53,7 @@ class OutcomeFit(Printed, eqx.Module):
     undecided : tuple of str
         Names of the medians whose uncertainty is still mostly that of the prior.
     grouped : bool
-        Whether a deviation of groups can be told from that of tests.
+        Whether deviations of groups and of tests can be distinguished.
     simulator : Simulator
         Settings that all blocks have in common.
     """

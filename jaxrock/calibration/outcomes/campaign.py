@@ -66,7 +66,7 @@ class Campaign(NamedTuple):
     simulator : Simulator
     prior : Prior
     samples, seed : int
-        Blocks, without those of the prior, and the seed of all.
+        Number of blocks besides the blocks from the prior, and the seed of all of them.
     """
 
     suite: Suite
@@ -80,7 +80,7 @@ class Campaign(NamedTuple):
 
     @property
     def grouped(self) -> bool:
-        """True where a deviation of groups can be told from that of tests."""
+        """Whether deviations of groups and of tests can be distinguished."""
         return 1 < len(self.groups) < len(self.overturned)
 
     def pad(self, values: np.ndarray) -> np.ndarray:

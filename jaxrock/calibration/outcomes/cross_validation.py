@@ -203,8 +203,7 @@ def measure_tests(suite: Suite) -> dict[str, np.ndarray]:
 
     The peak ground velocity is the one without the drift, a straight line from rest to the
     velocity at the end: a shaking table starts and ends at rest, and an accelerometer with an
-    offset makes it seem to move on. Of a suite on a floor, the intensities are those of the
-    ground.
+    offset makes it seem to move on. The intensities of a suite on a floor refer to the ground.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class Posterior(NamedTuple):
 
     @property
     def variances(self) -> np.ndarray:
-        """Variances of the unbounded parameters, over those of the prior, shape (11,)."""
+        """Variances of the unbounded parameters, over the prior variances, shape (11,)."""
         centred = self.standard - self.weights @ self.standard
         return self.weights @ centred**2
 

@@ -327,7 +327,7 @@ def _add_saltation(integration: Integration, state: State, acted: Booleans) -> S
     duration = integration.driven.duration
     time = state.time
     near = motion.time_rounding(time)
-    # `next_kink` leaves out what is within rounding of its argument.
+    # `next_kink` skips kinks within rounding of its argument.
     kink = motion.next_kink(time - 2 * near)
     corner = jnp.where(kink <= time + near, kink, time)
     corner = jnp.where(~acted & (time == motion.start), motion.start, corner)

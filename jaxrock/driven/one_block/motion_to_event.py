@@ -31,7 +31,7 @@ from .segment_integration import (
 from .solver_steps import Segment, Stepper, choose_first_step
 from .uplift import UpliftTable
 
-# Phases of the motion. The table in `follow_driven` says what each of them does next.
+# Phases of the motion. The table in `follow_driven` has the step that follows each of them.
 REST, RISING, FALLING, TOPPLED = range(4)
 
 # A block may rest only if all further bounces end within this fraction of `rtol` / p; see

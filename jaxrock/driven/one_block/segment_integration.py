@@ -96,7 +96,7 @@ class SegmentState(NamedTuple):
     repetitions: Integers  # number of the repetition that comes next, 0 for a new step
     event: Integers  # `PEAK`, `CONTACT` or `CRITICAL` once one was found, else `STOP`
     done: Booleans
-    forces: ForceExtremes | None  # None where nobody asks for them
+    forces: ForceExtremes | None  # None where forces are not asked for
     steps: Integers  # number of steps that have been tried
 
 
