@@ -249,11 +249,11 @@ def _draw_panels(
     """
     shown = []
     for name, number in most.items():
-        there = data.sizes.get(name, 1)
-        if there > number:
-            chosen = np.linspace(0, there - 1, number).round().astype(int)
+        size = data.sizes.get(name, 1)
+        if size > number:
+            chosen = np.linspace(0, size - 1, number).round().astype(int)
             data = data.isel({name: chosen})
-            shown.append(f"{name} {number} of {there:,}")
+            shown.append(f"{name} {number} of {size:,}")
     rows, columns = (data.sizes.get(name, 1) for name in ("intensity", "restitution"))
     # A panel has room for its title, the figure for its legend.
     figure = make_figure(ax, (1.6 + 3.2 * columns, 0.6 + 3.0 * rows))
