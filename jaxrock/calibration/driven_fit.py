@@ -176,7 +176,7 @@ def fit_driven_rocking(  # noqa: PLR0913
     check_kind("block", block, Block)
     require_free_standing(block, "a fit of driven rocking")
     check_kind("motion", motion, Motion)
-    # A string is a sequence of its letters, which are no names.
+    # A string is a sequence of letters, not of names.
     names = () if isinstance(parameters, str) else tuple(map(str, parameters))
     if not names or len(set(names)) < len(names) or not set(names) <= set(PARAMETERS):
         allowed = ", ".join(PARAMETERS)
@@ -207,7 +207,7 @@ def fit_driven_rocking(  # noqa: PLR0913
         check(name, value, _OPTIONS[name][0])
     check("time", times, NON_NEGATIVE)
     check_increasing("time", times)
-    # Times and rotations stay in float64: only the motion is computed in the precision given.
+    # Times and rotations stay in float64: only the motion has the precision of the arguments.
     instants = np.asarray(times, float)
     values = np.asarray(rotations, float)
     end = min(float(given.get("window", np.inf)), float(instants[-1]))

@@ -1,4 +1,4 @@
-"""The answer of a test of free rocking: numbers, their errors, and remarks on them."""
+"""The result of a fit to free rocking: parameters, their errors, and remarks."""
 
 from typing import Any, ClassVar
 
@@ -11,8 +11,8 @@ from ..host import Shown
 from ..validation import Booleans, Integers, Reals
 from .free_rocking_motion import PARAMETERS
 
-SIGNIFICANT = 3.0  # standard errors from which on there is a remark
-NEGLIGIBLE = 1e-6  # change of C, however significant: exact times make any change so
+SIGNIFICANT = 3.0  # number of standard errors above which there is a remark
+NEGLIGIBLE = 1e-6  # change of C without a remark: under exact times any change is significant
 _UNITS = {
     "restitution": "",
     "frequency_parameter": "1/s",
@@ -112,7 +112,7 @@ class FreeRockingFit(Shown, eqx.Module):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks to read before using the results."""
-        # What was done to the measurements comes first: all other numbers follow from it.
+        # Repairs of the measurements come first: all results depend on them.
         sentences = [*self.repairs, *self.notes]
         if not self.is_constant:
             sentences.append(
@@ -131,8 +131,8 @@ class FreeRockingFit(Shown, eqx.Module):
         -------
         dict of list
         """
-        # A restitution compares the half-cycles before and after an impact, which the first
-        # and the last time do not have.
+        # A restitution compares the half-cycles before and after an impact; the first and the
+        # last time have only one of them.
         columns = {
             "impact": self.impact_numbers,
             "time": self.impact_times,
@@ -166,7 +166,7 @@ class FreeRockingFit(Shown, eqx.Module):
         for name, unit in _UNITS.items():
             value = float(getattr(self, name))
             error = float(self.standard_errors.get(name, np.nan))
-            # Of the noises no error is known.
+            # No errors of the noises are known.
             known = "given" if error == 0 else f"+- {error:.2g}" if error > 0 else ""
             if not np.isnan(value):
                 line = f"{name.replace('_', ' '):20}{value:.6g} {unit}".rstrip()

@@ -39,15 +39,16 @@ from .free_rocking_motion import (
 )
 from .impact_numbering import number_impacts
 
-_ROUNDS = 6  # in which the noises of times and rotations are found beside each other
-# By which a noise falls at once: an exact fit would make it 0, and the weights infinite.
+_ROUNDS = 6  # rounds in which the noises of times and of rotations are estimated together
+# Smallest factor on a noise in a round: an exact fit would make the noise 0, and the weights
+# infinite.
 _LEAST_FACTOR = 1e-3
-# Of the residuals of one kind. Peaks as few as the parameters that only they know have none:
-# they are fitted exactly, and their noise would be 0 / 0.
+# Fewest degrees of freedom of one kind of residuals. If there are only as many peaks as
+# parameters that depend on peaks alone, they are fitted exactly, and 0 / 0 would be their noise.
 _LEAST_FREEDOM = 0.1
-_NEWTON = 8  # steps to the velocity that a duration or a peak belongs to
-# Noise beside the median half-cycle, from which on there is no free rocking: times without any
-# order are 1 / sqrt(12) = 0.29 of a half-cycle off.
+_NEWTON = 8  # Newton's steps to the velocity of a duration or a peak
+# Noise over the median half-cycle above which there is no free rocking: random times are off
+# by 1 / sqrt(12) = 0.29 of a half-cycle.
 _ROUGH = 0.25
 
 
@@ -106,7 +107,7 @@ def fit_free_rocking(
     Notes
     -----
     Errors of times are assumed independent, with a common standard deviation. Standard errors
-    are those of least squares.
+    come from least squares.
 
     If the two models differ in C by more than its standard error, `remarks` states the
     difference. For 12 impacts with 1 ms of noise, b = 0.3 m and C = 0.85, this occurs up to a
@@ -132,7 +133,7 @@ def fit_free_rocking(
     if model is None:
         model = Linearized() if block is None else Nonlinear()
     known = _gather_known(block, measured, as_model(model), frequency_known)
-    # To begin with 1 % of the mean half-cycle and of the largest peak.
+    # The first guess is 1 % of the mean half-cycle and of the largest peak.
     noises = Noises(
         _choose_noise("time_noise", "s", time_noise, np.ptp(times) / times.size),
         _choose_noise("rotation_noise", "rad", rotation_noise, np.nanmax(peaks, initial=0)),
@@ -141,8 +142,8 @@ def fit_free_rocking(
     repairs: tuple[str, ...] = ()
     if repair:
         measured, repairs = number_impacts(measured, known, noises)
-    # The numbering is settled: from here on peaks count as well as times. Of one kind of
-    # measurement, the noise only scales the residuals; of both, it is the weight between them.
+    # The numbering is settled: from here on peaks count as well. With one kind of measurement
+    # the noise only scales the residuals; with both it is the weight between them.
     fit = fit_parameters(measured, known, noises)
     weighted = measured.peaked.any() and not all(noises.known)
     for _ in range(_ROUNDS if weighted else 0):
@@ -170,11 +171,11 @@ def _check_measurements(
     check_increasing("impact_times", times)
     least = 0 if block is not None and block.one_sided else -np.pi / 2
     angles = np.asarray(peaks)
-    wrong = (angles == 0) | (angles < least) | (angles > np.pi / 2)
-    if wrong.any():
+    invalid = (angles == 0) | (angles < least) | (angles > np.pi / 2)
+    if invalid.any():
         raise ValueError(
             f"peak_rotations must be between {least:.3g} and pi / 2 and not 0, or NaN where"
-            f" unknown, got {angles[wrong][0]:g}"
+            f" unknown, got {angles[invalid][0]:g}"
         )
     # The equation is the same on both sides: only the size of a peak matters.
     return np.asarray(times), np.abs(angles)
@@ -183,11 +184,11 @@ def _check_measurements(
 def _gather_known(
     block: Block | None, measured: Measurements, model: RockingModel, frequency_known: bool
 ) -> Known:
-    """Gather the parameters that need not be fitted, and tell which ones are free."""
+    """Gather the known parameters, and mark the free ones."""
     if block is None and not isinstance(model, Linearized):
         raise ValueError("block must be given for the nonlinear model, got None")
     peaks = int(measured.peaked.sum())
-    # Durations alone know no critical angle.
+    # Durations alone do not depend on the critical angle.
     free = np.array([True, True, True, True, block is None and peaks > 0])
     parameters = np.zeros(5)
     if block is not None:
@@ -196,15 +197,15 @@ def _gather_known(
         free[FREQUENCY] = not frequency_known
         parameters[FREQUENCY] = np.log(float(block.frequency_parameter))
         parameters[ANGLE] = np.log(float(block.critical_angle))
-    # One measurement more than parameters, or nothing says how large the noise is.
+    # The noise can be estimated only if there are more measurements than parameters.
     unknowns = int(free.sum())
     if measured.times.size + peaks <= unknowns:
         raise ValueError(
             f"impact_times must have at least {unknowns + 1 - peaks} values to fit {unknowns}"
             f" parameters, got {measured.times.size}"
         )
-    # The linearized equation has no shape. In the precision of the measurements, and at once
-    # to the device: one program for all tests.
+    # The linearized equation does not depend on the shape. The arrays have the precision of
+    # the measurements, and go to the device at once: one program serves all tests.
     shape = Block(0.2, 5.0) if block is None else block
     dtype = measured.times.dtype
     shape = jax.device_put(jax.tree.map(lambda leaf: np.asarray(leaf, dtype), shape))
@@ -224,9 +225,9 @@ def _choose_noise(name: str, unit: str, value: Number | None, guess: float) -> f
 
 
 def _reestimate(fit: Fitted) -> Noises:
-    """Estimate noises by the residuals of times and rotations.
+    """Estimate the noises from the residuals of times and rotations.
 
-    Each kind has its part of the degrees of freedom: its number less its leverages.
+    The degrees of freedom of each kind are its number minus its leverages.
     """
     kinds = [fit.measured.used.sum()]
     leverages = np.sum(np.linalg.qr(fit.free_jacobian)[0] ** 2, axis=1)
@@ -247,7 +248,7 @@ def _make_free_rocking_fit(
     measured, known, noises = fit.measured, fit.known, fit.noises
     count = int(measured.used.sum())
     peaked = bool(measured.peaked.any())
-    # Of both kinds the rounds have scaled the residuals to a variance of 1.
+    # With both kinds the rounds have scaled the residuals to a variance of 1.
     scaled = noises.known[0] or peaked
     variance = 1.0 if scaled else fit.squares / fit.freedom
     values, slopes = compute_values(fit.parameters)
@@ -274,16 +275,16 @@ def _make_free_rocking_fit(
         )
     if block is not None or peaked:
         notes += _compare_models(fit, errors["restitution"])
-    # A block of p and alpha_c is known by them alone, up to its inertia ratio and gravity.
+    # p and alpha_c determine a block up to its inertia ratio and gravity.
     size = values["frequency_parameter"], values["critical_angle"]
     if block is None and peaked:
         block = Block.from_parameters(*size)
     elif block is None:
         values["critical_angle"] = errors["critical_angle"] = np.nan
     elif known.free[FREQUENCY]:
-        others = block.gravity, block.inertia_ratio
-        block = Block.from_parameters(*size, *others, one_sided=block.one_sided)
-    # Measurements that were left out have none.
+        constants = block.gravity, block.inertia_ratio
+        block = Block.from_parameters(*size, *constants, one_sided=block.one_sided)
+    # Measurements that were left out have no residuals.
     time_residuals = np.full(measured.times.size, np.nan)
     time_residuals[measured.used] = fit.residuals[:count] * noises.times
     peak_residuals = np.full(measured.peaks.size, np.nan)
@@ -317,8 +318,8 @@ def _make_free_rocking_fit(
 def _refuse(fit: Fitted, restitution: float, error: float, time_noise: float) -> None:
     """Raise `ValueError` if the measurements are of no free rocking."""
     typical = np.median(np.diff(fit.measured.times[fit.measured.used]))
-    # There is a nearest motion to any times: the noise says whether it is near.
-    # A nearly elastic block may come out a little above 1, by the noise alone.
+    # Any times have a closest motion: the noise shows whether it is close. The C of a nearly
+    # elastic block may be slightly above 1 by noise alone.
     near = fit.converged and time_noise <= _ROUGH * typical
     if not (near and restitution - 2 * error <= 1):
         raise ValueError(
@@ -331,7 +332,7 @@ def _refuse(fit: Fitted, restitution: float, error: float, time_noise: float) ->
 def _estimate_addition(fit: Fitted, place: int, scaled: bool) -> tuple[float, float]:
     """Estimate one more parameter and its error, by a Gauss-Newton step from this fit.
 
-    NaN without a degree of freedom, if the parameter has no effect, or if it is fitted.
+    NaN without degrees of freedom, or if the parameter has no effect or is fitted.
     """
     jacobian = np.column_stack([fit.free_jacobian, fit.jacobian[:, place]])
     covariance = compute_covariance(jacobian)
@@ -348,17 +349,17 @@ def _estimate_addition(fit: Fitted, place: int, scaled: bool) -> tuple[float, fl
 
 
 def _compare_models(fit: Fitted, error: float) -> list[str]:
-    """Say what C the other model would give, if it differs by more than a standard error.
+    """Report the C of the other model if it differs by more than a standard error.
 
-    By one Gauss-Newton step from this fit: a difference of many standard errors need not be
-    known to all digits.
+    It is estimated by one Gauss-Newton step from this fit: a difference of many standard
+    errors need not be exact.
     """
     known = fit.known
-    other = Nonlinear() if isinstance(known.model, Linearized) else Linearized()
+    model = Nonlinear() if isinstance(known.model, Linearized) else Linearized()
     p_and_angle = np.exp(fit.parameters[FREQUENCY:]).astype(known.dtype)
     shape = jax.tree.map(np.asarray, Block.from_parameters(*p_and_angle))
-    others = known._replace(model=other, shape=shape)
-    residuals, _ = compute_residuals(fit.parameters, fit.measured, others, fit.noises)
+    alternative = known._replace(model=model, shape=shape)
+    residuals, _ = compute_residuals(fit.parameters, fit.measured, alternative, fit.noises)
     parameters = fit.parameters.copy()
     jacobian = fit.free_jacobian
     parameters[known.free] -= compute_covariance(jacobian) @ (jacobian.T @ residuals)
@@ -368,7 +369,7 @@ def _compare_models(fit: Fitted, error: float) -> list[str]:
     if not difference > max(error, NEGLIGIBLE):
         return []
     return [
-        f"the model matters: the {other.name} one gives a C of about {elsewhere:.4g},"
+        f"the model matters: the {model.name} one gives a C of about {elsewhere:.4g},"
         f" {difference / error:.2g} standard errors from this one"
     ]
 
@@ -377,7 +378,7 @@ def _estimate_by_impact(fit: Fitted) -> tuple[Values, Values, Values]:
     """Estimate the velocity before each impact, C of that impact alone, and its error.
 
     C is the ratio of the launch velocities of the half-cycles after and before an impact.
-    The launch that belongs to a duration is found by Newton's method.
+    The launch velocity of a duration is found by Newton's method.
     """
     measured = fit.measured
     exists = measured.successive
@@ -386,8 +387,7 @@ def _estimate_by_impact(fit: Fitted) -> tuple[Values, Values, Values]:
     log_ratios, _ = compute_log_ratio(fit.parameters[LAUNCH : LAUNCH + 1])
     log_ratios = log_ratios + measured.impacts[:-1] * fit.parameters[RESTITUTION]
     launch = np.log(np.arctanh(np.exp(log_ratios)))
-    # Logarithms on both sides, in which durations are nearly linear: few steps from the fitted
-    # motion suffice.
+    # In logarithms durations are nearly linear: few steps from the fitted motion suffice.
     for _ in range(_NEWTON):
         log_ratios, slope = compute_log_ratio(launch)
         motion = compute_half_cycles(fit.known, log_ratios)
@@ -400,9 +400,9 @@ def _estimate_by_impact(fit: Fitted) -> tuple[Values, Values, Values]:
     ratios = np.exp(log_ratios)
     both = exists[1:] & exists[:-1]
     restitution = np.where(both, ratios[1:] / ratios[:-1], np.nan)
-    # Errors of the logarithms of ratios. Two durations share the time between them, with
-    # opposite signs, and each has another one besides: variances of 2, and a covariance of -1
-    # which the ratio turns to +1.
+    # Errors of the logarithms of ratios. Two neighbouring durations share one time, with
+    # opposite signs, and each has a second time of its own: their variances are 2 and their
+    # covariance is -1, which enters the ratio as +1.
     errors = fit.noises.times / unit / motion.duration_slopes
     square = errors[:-1] ** 2 + errors[1:] ** 2 + errors[:-1] * errors[1:]
     return np.where(both, ratios[:-1], np.nan), restitution, restitution * np.sqrt(2 * square)

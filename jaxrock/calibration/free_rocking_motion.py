@@ -2,12 +2,12 @@
 
 The parameters, in the order of `PARAMETERS`: time of the first impact [s]; launch ratio x, the
 velocity after that impact over the critical one, as log(artanh(x)); logarithms of C, p and
-alpha_c. The last column of each Jacobian is that of a change of C with the velocity before an
-impact: C of the largest impact less C of the smallest, over C.
+alpha_c. The last column of each Jacobian belongs to a change of C with the velocity before an
+impact: C of the largest impact minus C of the smallest, over C.
 
-Logarithms have no bounds, so that no step of the search leads where there is no motion.
-The linearized half-cycle lasts 2 artanh(x) / p (Housner 1963, 10.1785/BSSA0530020403): its
-logarithm is linear in those of artanh(x) and p, which makes the problem nearly so.
+Logarithms have no bounds, so that a motion exists after every step of the search. The
+linearized half-cycle lasts 2 artanh(x) / p (Housner 1963, 10.1785/BSSA0530020403): its
+logarithm is linear in the logarithms of artanh(x) and p, so that the problem is nearly linear.
 """
 
 import functools
@@ -25,7 +25,7 @@ from ..validation import Reals
 
 Values = TypeAliasType("Values", Float[np.ndarray, "..."])
 
-# Why no argument of a fit may be traced.
+# The reason why no argument of a fit may be traced.
 OUTSIDE = "a fit searches on the host"
 PARAMETERS = (
     "first_impact",
@@ -35,15 +35,13 @@ PARAMETERS = (
     "critical_angle",
 )
 TIME, LAUNCH, RESTITUTION, FREQUENCY, ANGLE, CHANGE = range(6)
-_ROOM = 128  # half-cycles, so that one program computes any number of them
-_LARGEST = 0.999999  # velocity ratio: from 1 on there is no next impact
-_LARGEST_CONDITION = (
-    1e8  # of a Jacobian with columns of length 1: of larger ones little is left
-)
+_ROOM = 128  # number of half-cycles in a program, which serves any number of them
+_LARGEST = 0.999999  # largest velocity ratio: from 1 on there is no next impact
+_LARGEST_CONDITION = 1e8  # of a Jacobian with columns of length 1
 _TOLERANCE = 1e-12  # relative change of parameters and sums of squares at which a search ends
-# Values of p that are tried where it is not known. They are given by half of the longest
-# half-cycle times p, the tanh of which is the launch ratio of linearized rocking: from a
-# launch at 0.02 of the critical velocity to one that all but overturns, in steps of 20 %.
+# Values of p that are tried if p is not known, by half of the longest half-cycle times p. The
+# tanh of this number is the launch ratio of linearized rocking: from 0.02 to nearly 1, in
+# steps of 20 %.
 _HALF_ARCS = np.geomspace(0.02, 6.0, 33)
 
 
@@ -62,7 +60,7 @@ class Measurements(NamedTuple):
 
     @property
     def peaked(self) -> Bool[np.ndarray, " half_cycles"]:
-        """Which peaks count: of others nobody knows to which half-cycle they belong."""
+        """Which peaks count: the half-cycle of all others is not known."""
         return self.successive & ~np.isnan(self.peaks)
 
 
@@ -75,7 +73,7 @@ class Noises(NamedTuple):
 
 
 class Known(NamedTuple):
-    """All that is given: model, a block of the right shape, parameters, and which are free."""
+    """The given data: model, a block of the right shape, parameters, and which are free."""
 
     model: RockingModel
     shape: Block  # in the precision in which the motion is computed
@@ -113,7 +111,7 @@ def _compute_half_cycles(
         rotations = model.peak_rotation(shape, velocities)
         return durations * shape.frequency_parameter, rotations / shape.critical_angle
 
-    # Each quantity depends on its own ratio only: one tangent of ones has all derivatives.
+    # Each quantity depends on its own ratio only: one tangent of ones gives all derivatives.
     values, slopes = jax.jvp(compute, (log_ratios,), (jnp.ones_like(log_ratios),))
     return *values, *slopes
 
@@ -121,11 +119,11 @@ def _compute_half_cycles(
 def compute_half_cycles(known: Known, log_ratios: Values) -> HalfCycles:
     """Compute half-cycles after launches at some velocities over the critical one.
 
-    They are in units of the block, and so do not depend on p and alpha_c: a fit of those needs
-    no other program.
+    They are in units of the block, and do not depend on p and alpha_c: a fit of p and alpha_c
+    uses the same program.
     """
     room = -(-log_ratios.size // _ROOM) * _ROOM
-    # The rest is filled with copies, for which the motion exists.
+    # The rest is filled with copies, whose motion exists.
     padded = np.resize(log_ratios, room).astype(known.dtype)
     columns = _compute_half_cycles(known.model, known.shape, padded)
     return HalfCycles(*(np.asarray(c)[: log_ratios.size].astype(float) for c in columns))
@@ -157,9 +155,9 @@ def compute_residuals(
     number = np.arange(measured.impacts[-1])
     launch, slope = compute_log_ratio(parameters[LAUNCH : LAUNCH + 1])
     log_ratios = launch + number * parameters[RESTITUTION]
-    # Derivatives of the logarithms of all ratios. Where C changes, it is linear in the
-    # velocity before an impact, less the mean and over the range of all of them, so that the
-    # change is nearly independent of C itself.
+    # Derivatives of the logarithms of all ratios. A change of C is linear in the velocity
+    # before an impact. The mean velocity is subtracted, and the rest divided by the range, so
+    # that the change is nearly independent of C itself.
     along = np.zeros((number.size, 6))
     along[:, LAUNCH] = slope
     along[:, RESTITUTION] = number
@@ -190,7 +188,7 @@ def compute_residuals(
 
 
 class Fitted(NamedTuple):
-    """The best parameters, and there the residuals over their noises and their Jacobian."""
+    """The best parameters, with the residuals over the noises and their Jacobian."""
 
     measured: Measurements
     known: Known
@@ -212,7 +210,7 @@ class Fitted(NamedTuple):
 
     @property
     def freedom(self) -> int:
-        """The number of measurements less that of the parameters that are fitted."""
+        """The number of measurements minus the number of fitted parameters."""
         return self.residuals.size - int(self.known.free.sum())
 
 
@@ -229,7 +227,7 @@ def fit_parameters(measured: Measurements, known: Known, noises: Noises) -> Fitt
     def evaluate(*values: float) -> tuple[Values, Values]:
         return compute_residuals(set_parameters(np.array(values)), measured, known, noises)
 
-    # Trial steps may lead where a block overturns: such residuals are not finite.
+    # Trial steps may reach blocks that overturn, whose residuals are not finite.
     with np.errstate(all="ignore"):
         result = least_squares(
             lambda values: evaluate(*values)[0],
@@ -248,12 +246,12 @@ def fit_parameters(measured: Measurements, known: Known, noises: Noises) -> Fitt
 
 
 def _choose_start(measured: Measurements, known: Known) -> Float[np.ndarray, "5"]:
-    """Choose parameters to begin with: a line through log(x) of all half-cycles, linearized.
+    """Choose initial parameters by a line through log(x) of all half-cycles, linearized.
 
     There tanh(p duration / 2) = x, and the line falls by log(C) from each half-cycle to the
     next. Weights are reciprocals of the variances of log(x), by the delta method from equal
     variances of all durations.
-    Durations show p by their curvature only: each p that is tried has a line of its own.
+    Only the curvature of the durations depends on p: each trial value of p has its own line.
     """
     parameters = known.parameters.copy()
     whole = measured.successive
@@ -264,16 +262,16 @@ def _choose_start(measured: Measurements, known: Known) -> Float[np.ndarray, "5"
         frequencies = 2 * _HALF_ARCS / durations.max(initial=1e-9)
     arcs = np.minimum(frequencies[:, None] * durations, 2 * _HALF_ARCS[-1])
     log_x = np.log(np.tanh(arcs / 2))
-    # The derivative of log(tanh(arc / 2)) is 1 / sinh(arc). Beyond 3 the weight grows no more:
-    # a half-cycle near overturning would decide alone.
+    # The derivative of log(tanh(arc / 2)) is 1 / sinh(arc). Beyond 3 the weight is constant:
+    # otherwise a half-cycle near overturning would decide alone.
     weights = (np.sinh(np.minimum(arcs, 3.0)) / frequencies[:, None]) ** 2
     total = np.maximum(np.sum(weights, axis=1, keepdims=True), np.finfo(float).tiny)
     middle = np.sum(weights * number, axis=1, keepdims=True) / total
     height = np.sum(weights * log_x, axis=1, keepdims=True) / total
     spread = np.sum(weights * (number - middle) ** 2, axis=1, keepdims=True)
     slope = np.sum(weights * (number - middle) * (log_x - height), axis=1, keepdims=True)
-    # One half-cycle has no slope: C is about 0.9 then. It is held between 0.05 and 0.999, and
-    # x below 1, so that there is a motion to begin with.
+    # One half-cycle has no slope: then C is taken as about 0.9. C is held between 0.05 and
+    # 0.999, and x below 1, so that a motion exists.
     slope = np.clip(np.where(spread > 0, slope / spread, -0.1), -3.0, -1e-3)
     misfit = np.sum(weights * (log_x - height - slope * (number - middle)) ** 2, axis=1)
     best = np.argmin(misfit)
@@ -284,7 +282,7 @@ def _choose_start(measured: Measurements, known: Known) -> Float[np.ndarray, "5"
     parameters[FREQUENCY] = np.log(frequencies[best])
     if known.free[ANGLE]:
         # Peaks are proportional to the critical angle: linear least squares, by the linearized
-        # rotation 1 - sqrt(1 - x^2), since without a block no other model is allowed.
+        # rotation 1 - sqrt(1 - x^2), the only model that is allowed without a block.
         peaked = measured.peaked
         ratios = x * np.exp(measured.impacts[:-1][peaked] * slope[best, 0])
         rotations = 1 - np.sqrt((1 - ratios) * (1 + ratios))
@@ -298,8 +296,8 @@ def compute_covariance(jacobian: Float[np.ndarray, "measurements free"]) -> Valu
 
     It is NaN if the residuals do not determine all of them.
     """
-    # By columns of length 1, and by the Jacobian itself: the normal matrix would square its
-    # condition, and with it lose the errors of a p that hardly shows.
+    # The Jacobian itself is factored, with columns of length 1: the normal matrix would square
+    # its condition number, and lose the error of a p that has little effect.
     scale = np.linalg.norm(jacobian, axis=0)
     scaled = jacobian / np.maximum(scale, np.finfo(float).tiny)
     if not (np.isfinite(jacobian).all() and np.linalg.cond(scaled) < _LARGEST_CONDITION):

@@ -1,10 +1,10 @@
-"""The impact that each recorded time belongs to: some are missed, counted twice, or mistimed.
+"""Numbering of the impacts of recorded times, some missed, counted twice or mistimed.
 
-One repair follows another, each the best of all that are possible: a time is left out because
-it counts an impact again; an impact is passed over because nobody recorded it; a time is left
-out because it is wrong. Repairs are kept as long as together they explain more than chance
-would, by an F test (a chi-square test where the noise is known) that allows for the choice
-among all of them, after Bonferroni: the probability is multiplied by the number of choices.
+Repairs follow one another, each the best possible one: a time is left out because it counts an
+impact again; an impact is skipped because it was not recorded; a time is left out because it
+is wrong. Repairs are kept as long as together they explain more than chance would, by an F
+test (a chi-square test where the noise is known) that allows for the choice among all of them,
+after Bonferroni: the probability is multiplied by the number of choices.
 """
 
 import math
@@ -22,13 +22,13 @@ from .free_rocking_motion import (
 )
 
 _MAX_REPAIRS = 4
-# Probability of a repair where nothing is wrong. A repair changes what was measured: it has to
-# be much less likely by chance than the 5 % at which a mere remark is made.
+# Probability of a repair without a fault. A repair changes measurements: it has to be much
+# less likely by chance than the 5 % of a remark.
 _LEVEL = 1e-3
 
 
 class _Numbering(NamedTuple):
-    """A numbering of the impacts, the sum of squares by it, and the repairs that led to it."""
+    """A numbering of the impacts, its sum of squares, and the repairs that led to it."""
 
     measured: Measurements
     squares: float
@@ -45,13 +45,13 @@ def number_impacts(
     two impacts that are missing one after the other may explain the times only together. It
     then goes back to the longest sequence that explains more than each shorter one.
 
-    The times of another block are explained by leaving some of them out, too: if a free p
-    without repairs explains more than the repairs, there are none.
+    Leaving times out would explain the times of another block, too: if a free p without
+    repairs explains more than the repairs, no repair is made.
     """
-    # Without peaks nothing depends on the critical angle, which must not be free then.
+    # Without peaks the times do not depend on the critical angle, which must not be free then.
     silent = measured._replace(peaks=np.full_like(measured.peaks, np.nan))
     known = known.set_free(ANGLE, False)
-    # Exact times leave nothing but rounding, of which any repair would explain a large part.
+    # Residuals of exact times are rounding, and any repair would explain a large part of it.
     eps = max(8 * np.finfo(known.dtype).eps, 1e-10)
     floor = measured.times.size * (eps * np.abs(measured.times).max() / noises.times) ** 2
 
@@ -66,7 +66,7 @@ def number_impacts(
 
     unrepaired = fit(silent, (), known)
     path = [unrepaired]
-    # A repair may cost a degree of freedom, and two have to remain by which noise is told.
+    # A repair may cost a degree of freedom, and two have to remain to estimate the noise.
     while len(path) <= _MAX_REPAIRS and path[-1].freedom >= 3:
         trials = [
             fit(*trial, known) for trial in _list_trials(path[-1].measured, path[-1].repairs)
@@ -75,7 +75,7 @@ def number_impacts(
         if not best.squares < path[-1].squares:
             break
         path.append(best)
-    choices = 3 * measured.times.size  # three kinds of repairs at each time, at most
+    choices = 3 * measured.times.size  # at most three kinds of repairs at each time
     chosen = unrepaired
     for count, numbering in enumerate(path):
         chances = [explain(shorter, numbering, choices) for shorter in path[:count]]
@@ -91,11 +91,11 @@ def number_impacts(
 def _compute_log_chance(
     before: _Numbering, after: _Numbering, added: int, choices: int, noise_known: bool
 ) -> float:
-    """Return the logarithm of the probability that chance lowers a sum of squares so much.
+    """Compute the log-probability that chance lowers a sum of squares by as much.
 
-    A time that is left out fits as well as one with a parameter of its own that shifts it: the
-    two explanations are nested, and their ratio has an F distribution. A missing impact counts
-    as one parameter as well.
+    Leaving a time out is like shifting it by a parameter of its own: the two models are
+    nested, and the ratio of their variances has an F distribution. A missing impact counts as
+    one parameter as well.
     """
     from scipy.special import chdtrc, fdtrc  # which load slowly
 
@@ -106,7 +106,8 @@ def _compute_log_chance(
         chance = chdtrc(added, gain)
     else:
         chance = fdtrc(added, after.freedom, gain / added / (after.squares / after.freedom))
-    # Chances are compared, also those too small for a float: the logarithm of 0 is below all.
+    # Probabilities too small for a float are compared as well: the logarithm of 0 is below all
+    # others.
     return (math.log(chance) if chance > 0 else -math.inf) + math.log(choices)
 
 
@@ -114,25 +115,25 @@ def _list_trials(
     measured: Measurements, repairs: tuple[str, ...]
 ) -> list[tuple[Measurements, tuple[str, ...]]]:
     """List all numberings with one more repair."""
-    places = np.flatnonzero(measured.used).tolist()
+    indices = np.flatnonzero(measured.used).tolist()
     trials = list[tuple[Measurements, tuple[str, ...]]]()
 
-    def add(place: int, sentence: str, leave_out: bool, shift: int) -> None:
+    def add(index: int, sentence: str, leave_out: bool, shift: int) -> None:
         """Shift the numbers from one impact on, and perhaps leave its time out."""
         used = measured.used.copy()
-        used[place] = not leave_out
+        used[index] = not leave_out
         impacts = measured.impacts.copy()
-        impacts[place:] += shift
+        impacts[index:] += shift
         trial = measured._replace(used=used, impacts=impacts)
         trials.append((trial, (*repairs, sentence)))
 
-    for previous, place in zip([None, *places[:-1]], places, strict=True):
-        at = f"{measured.times[place]:.4f} s"
-        # Before the first time there is no impact that it could count again, and an
-        # impact that is missing there changes nothing.
+    for previous, index in zip([None, *indices[:-1]], indices, strict=True):
+        time = f"{measured.times[index]:.4f} s"
+        # The first time cannot count an impact again, and an impact that is missing before it
+        # changes nothing.
         if previous is not None:
-            between = f"between {measured.times[previous]:.4f} s and {at}"
-            add(place, f"the time {at} counts an impact again: left out", True, -1)
-            add(place, f"an impact {between} is missing", False, 1)
-        add(place, f"the time {at} is out of line: left out", True, 0)
+            between = f"between {measured.times[previous]:.4f} s and {time}"
+            add(index, f"the time {time} counts an impact again: left out", True, -1)
+            add(index, f"an impact {between} is missing", False, 1)
+        add(index, f"the time {time} is out of line: left out", True, 0)
     return trials

@@ -54,7 +54,7 @@ def read_impact_times(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndar
     """
     contents = read_table(path, _COLUMNS)
     times = contents.values["time"]
-    # Checked here as well as in the fit, since here the line of the file is known.
+    # The fit checks this too, but only here the line of the file is known.
     contents.require(
         np.diff(times, prepend=-math.inf) > 0, "times must increase, got one that does not"
     )

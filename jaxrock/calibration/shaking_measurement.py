@@ -1,8 +1,8 @@
-"""A test on a shaking table, and its fit up to one time after another.
+"""A test on a shaking table, and its fit over longer and longer windows.
 
-Small changes grow from impact to impact: over the whole of a long test the misfit as a
-function of C has many minima, and derivatives say nothing about the next one. Over the first
-impacts it has few. Values that fit these are near enough to fit some impacts more, and so on.
+Small changes grow from impact to impact: over a long test the misfit as a function of C has
+many minima, and its derivatives do not lead from one to the next. Over the first impacts it
+has few. Values that fit these impacts are close enough to fit a few more, and so on.
 """
 
 import functools
@@ -28,36 +28,36 @@ _BOUNDS = {
     "inertia_ratio": (1.0, np.inf),
 }
 PARAMETERS = tuple(_BOUNDS)
-# Values of C, where none is given, and how many of them begin a search. A window shows few
-# impacts, but there may be many smaller ones, and as many minima of the misfit.
+# Trial values of C, where none is given, and the number of them that begin a search. A window
+# shows few impacts, but there may be many smaller ones, and as many minima of the misfit.
 _RESTITUTIONS = np.linspace(0.5, 0.98, 97)
 _STARTS = 5
 _FIRST = 3  # impacts in the first window
-_GROWTH = 1.5  # of the number of impacts from one window to the next
-_OFF = 1.2  # times the noise that is seen in the first window: then it is not their motion
-# Of the noise of a window, by which the residuals of the next one may exceed it, over
-# 1 / sqrt(2 n), the relative error of an estimate from n residuals.
+_GROWTH = 1.5  # factor on the number of impacts from one window to the next
+_OFF = 1.2  # largest scatter of a fit to the first window, over the noise
+# Fraction of the noise by which the residuals of the next window may exceed it. Its unit is
+# 1 / sqrt(2 n), the relative error of a noise estimated from n residuals.
 _ROUGHER = 3.0
-_EXACT = 1e-6  # part of a rotation, from which on there is no noise but that of the integrator
-_MOVED = 5.0  # standard errors by which values may move from one window to the next
-_SEEN = 4.0  # rotations over the noise, from which on they tell the side
+_EXACT = 1e-6  # noise over rotation below which all noise is numerical
+_MOVED = 5.0  # largest move of a value between windows, in standard errors
+_SEEN = 4.0  # rotation over the noise above which its side is certain
 _TOLERANCE = {8: 1e-8, 4: 1e-5}  # relative change at which a search ends, by bytes of a number
-_IMPACTS = 2048  # there is room for
-# Times there is room for, at least, and those whose rotations are computed together: mapped
-# over, they take as long as the last of them.
+_IMPACTS = 2048  # largest number of impacts
+# Times are padded to a multiple of the first number. Rotations are computed in pieces of the
+# second number, each in the time of its slowest one.
 _TIMES = 1024
 _PIECE = 16
 
 
 class ShakingTest(NamedTuple):
-    """A test: its measurements, all that is known, and which parameters are fitted."""
+    """A test: its measurements, the known data, and the names of the fitted parameters."""
 
     time: Float[np.ndarray, " times"]
     measured: Float[np.ndarray, " times"]  # NaN where unknown
-    window: float  # up to which measurements are used
+    window: float  # time up to which measurements are used
     noise: float | None
     known: dict[str, float]  # by the names in `PARAMETERS`
-    start_given: bool  # whether C is, from which the search begins
+    start_given: bool  # whether C is given, at which the search begins
     gravity: Reals
     motion: Motion
     initial: tuple[Reals, Reals]
@@ -70,7 +70,7 @@ class ShakingTest(NamedTuple):
         return self.gravity.dtype
 
     def simulate(self, values: Values, end: float) -> tuple[Values, Values]:
-        """Compute rotations at all times up to one [rad], and their Jacobian."""
+        """Compute rotations [rad] at all times until `end`, and their Jacobian."""
         known = self.known | dict(zip(self.parameters, values, strict=True))
         until = int(np.searchsorted(self.time, end, side="right"))
         # Few lengths are compiled.
@@ -79,7 +79,7 @@ class ShakingTest(NamedTuple):
         fixed = self.gravity, self.motion, self.initial, self.model
         outputs = []
         for name in self.parameters:
-            along = {other: float(other == name) for other in known}
+            along = {parameter: float(parameter == name) for parameter in known}
             arguments = (known, along, times, np.asarray(end))
             arguments = jax.tree.map(lambda leaf: np.asarray(leaf, self.dtype), arguments)
             outputs.append(_compute_rotations(*arguments, pieces, *fixed))
@@ -101,7 +101,8 @@ def _compute_rotations(  # noqa: PLR0913
 ) -> tuple[Reals, Reals]:
     """Compute rotations [rad], NaN if the integration does not finish, and derivatives.
 
-    One direction at a time: a Jacobian would be another program for each set of parameters.
+    It takes one direction at a time: a Jacobian would need a program for each set of
+    parameters.
     """
 
     def compute(known: dict[str, Reals]) -> Reals:
@@ -120,7 +121,7 @@ def _compute_rotations(  # noqa: PLR0913
         # Where the integration did not finish, the motion is known at time 0 only.
         asked = jnp.where(complete, times, 0)
 
-        # The number of pieces is an argument: room for times that is not used costs nothing.
+        # The number of pieces is an argument: unused room for times costs nothing.
         def fill_piece(k: Integers, rotations: Reals) -> Reals:
             some = jax.lax.dynamic_slice(asked, (k * _PIECE,), (_PIECE,))
             return jax.lax.dynamic_update_slice(
@@ -176,9 +177,9 @@ def _fit_window(
     )
     scatter = seen * float(np.sum(result.fun**2) / max(count - start.size, 1)) ** 0.5
     covariance = ((test.noise or scatter) / seen) ** 2 * compute_covariance(result.jac)
-    # Residuals are compared with the scatter of the measurements themselves, and then with
-    # those of the last window: a noise estimated from them would fit any motion. Values that
-    # move by many standard errors have found another motion.
+    # Residuals are compared with the scatter of the measurements, and later with the residuals
+    # of the last window: a noise estimated from the residuals themselves would fit any motion.
+    # Values that move by many standard errors belong to another motion.
     limit = _OFF * (test.noise or seen)
     moved = np.zeros(start.size)
     if last is not None:
@@ -194,15 +195,15 @@ def _fit_window(
 def fit_windows(test: ShakingTest) -> WindowFit:
     """Fit windows that grow as long as the motion is reproduced in them.
 
-    The first one that is fitted is the best of several initial values of C. If none is, the
-    answer is that of the longest.
+    The first window that is fitted takes the best of several initial values of C. If no window
+    is fitted, the answer is the fit to the longest.
     """
     rotation = test.measured[test.time <= test.window]
     known = rotation[~np.isnan(rotation)]
-    # Exact rotations would show sides so small that no computed motion needs to share them.
+    # With exact rotations tiny ones would count, whose side a computed motion need not share.
     noise = max(test.noise or _estimate_noise(known), 0.01 * np.abs(known).max())
     sides = np.where(np.abs(rotation) > _SEEN * noise, np.sign(rotation), 0)
-    # An impact is over where the block is first seen on the other side.
+    # An impact lies before the first rotation on the other side.
     observed = np.flatnonzero(sides)
     changes = observed[1:][np.diff(sides[observed]) != 0]
     if not changes.size:
@@ -210,12 +211,12 @@ def fit_windows(test: ShakingTest) -> WindowFit:
     counts = [_FIRST]
     while counts[-1] * _GROWTH < changes.size:
         counts.append(int(counts[-1] * _GROWTH))
-    ends = [*test.time[changes[counts[:-1]]], test.window]
+    window_ends = [*test.time[changes[counts[:-1]]], test.window]
 
-    starts = _choose_starts(test, ends[0])
+    starts = _choose_starts(test, window_ends[0])
     last = None
     windows = list[WindowFit]()
-    for end in ends:
+    for end in window_ends:
         fits = [_fit_window(test, start, end, last) for start in starts]
         windows.append(min(fits, key=lambda fit: (not fit.converged, fit.scatter)))
         starts = [fit.values for fit in fits]
@@ -228,7 +229,7 @@ def fit_windows(test: ShakingTest) -> WindowFit:
 
 
 def _choose_starts(test: ShakingTest, end: float) -> list[Values]:
-    """Choose values to begin with: those of C that explain the first window best."""
+    """Choose initial values: the trial values of C that explain the first window best."""
     known = np.array([test.known[name] for name in test.parameters])
     if test.start_given or "restitution" not in test.parameters:
         return [known]
@@ -244,10 +245,10 @@ def _choose_starts(test: ShakingTest, end: float) -> list[Values]:
 def _estimate_noise(rotation: np.ndarray) -> float:
     """Estimate the noise by second differences, in which smooth motion nearly vanishes.
 
-    It is at least that of the integrator.
+    It is at least the noise of the integrator.
     """
     # The variance of 1, -2, 1 times noise is 6, and the median of the sizes of normal numbers
-    # is 0.6745. The median passes over the few times at which an impact bends the motion.
+    # is 0.6745. The median ignores the few times at which an impact bends the motion.
     bends = np.abs(np.diff(rotation, 2))
-    by_bends = float(np.median(bends)) / (0.6745 * 6**0.5) if bends.size else 0.0
-    return max(by_bends, _EXACT * float(np.max(np.abs(rotation), initial=0)))
+    median_noise = float(np.median(bends)) / (0.6745 * 6**0.5) if bends.size else 0.0
+    return max(median_noise, _EXACT * float(np.max(np.abs(rotation), initial=0)))

@@ -7,7 +7,7 @@ import numpy as np
 from ..validation import AnyArray
 
 # The names or the values along an axis of a batch. None numbers its elements from 1 on. A text
-# says what all elements have in common, and stands for no axis.
+# describes all elements at once, and stands for no axis.
 Labels = Sequence[str] | Sequence[float] | np.ndarray | str | None
 
 

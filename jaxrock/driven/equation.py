@@ -21,8 +21,8 @@ from ..validation import Reals, describe
 
 
 def is_linearized(model: RockingModel) -> bool:
-    """Return whether sin(x) = x and cos(x) = 1; a `ValueError` for a model of one's own."""
-    # A subclass as well: it would change free rocking and leave the equation as it is.
+    """Return whether a model is linearized; a `ValueError` for a user's own model."""
+    # Subclasses are refused as well: they change free rocking, but not this equation.
     if type(model) not in (Linearized, Nonlinear):
         raise ValueError(
             f"model must be Linearized or Nonlinear for driven motion, got {describe(model)}"
@@ -46,10 +46,10 @@ class Equation(eqx.Module):
     critical_angle: Reals  # [rad]
     critical_velocity: Reals  # that overturns a block from the ground [rad/s]
     gravity: Reals  # [m/s2]
-    inertia_ratio: Reals  # for the forces at the base only
-    tangent: Reals  # of the critical angle: the push that just lifts the block
+    inertia_ratio: Reals  # used for the forces at the base only
+    tangent: Reals  # tangent of the critical angle: the push that just lifts the block
     model: RockingModel
-    one_sided: bool = eqx.field(static=True)  # stands against a wall, on the side 1
+    one_sided: bool = eqx.field(static=True)  # whether a wall stands on the side -1
     velocity_unit: Reals | None = None  # [rad/s], for an impact law, if it is another one
 
     @property
@@ -61,7 +61,7 @@ class Equation(eqx.Module):
     def of(cls, block: Block, model: RockingModel) -> "Equation":
         """Make the equation of a block."""
         angle = block.critical_angle
-        # Of one shape, so that blocks can be put side by side.
+        # All fields have one shape, so that blocks can be stacked.
         return cls(
             p_squared=block.frequency_parameter**2,
             critical_angle=angle,
@@ -105,7 +105,7 @@ class Equation(eqx.Module):
         return values[0], jerk, snap - bent * velocity**2 * values[0]
 
     def uplift_excess(self, push: Reals, lift: Reals) -> Reals:
-        """Push beyond the push that just lifts the block from the ground; positive lifts."""
+        """Push in excess of the push that just lifts the block; a positive excess lifts it."""
         return push - (1 + lift) * self.tangent
 
     def returning_velocity(self, rotation: Reals) -> Reals:
@@ -120,16 +120,17 @@ class Equation(eqx.Module):
     def landing_velocity(self, rotation: Reals, velocity: Reals) -> Reals:
         """Magnitude of the velocity that a block would have on the ground, by energy [rad/s].
 
-        It is 0 where the energy does not suffice. A block that overturns has one as well,
-        though it never lands.
+        It is 0 where the energy does not suffice. It is defined for a block that overturns as
+        well, although that never lands.
         """
-        # The fall as a product: a difference would keep its rounding error as the fall
-        # vanishes.
+        # The fall is computed as a product: the rounding error of a difference would not
+        # vanish with the fall.
         if self.linearized:
             fall = rotation * (2 * self.critical_angle - rotation)
         else:
             fall = 4 * jnp.sin(self.critical_angle - rotation / 2) * jnp.sin(rotation / 2)
         energy = velocity**2 + self.p_squared * fall
-        # The root of 1 where it is not used: the root of 0 has an infinite derivative.
+        # Where the root is not used, it is taken of 1: the root of 0 has an infinite
+        # derivative.
         positive = energy > 0
         return jnp.where(positive, jnp.sqrt(jnp.where(positive, energy, 1)), 0)

@@ -36,7 +36,7 @@ def pick_smaller_margin(before: Reals, after: Reals) -> Reals:
     With C = 1 both vanish at one threshold. A smaller C moves only the second margin there, so
     the first one has the derivative of the threshold.
     """
-    # More than the rounding of both, which come from roots of sums of a few terms.
+    # This exceeds the rounding of both margins, each a root of a sum of a few terms.
     rounding = 64 * float(jnp.finfo(before.dtype).eps)
     return jnp.where(after < before - rounding, after, before)
 
@@ -103,5 +103,5 @@ def free_motion_margin(
     speed = jnp.where(backward, -jnp.asarray(velocity), velocity)
     margins = free_motion_margins(equation, jnp.asarray(restitution), jnp.abs(rotation), speed)
     margin = pick_smaller_margin(*margins)
-    # There is a wall.
+    # A negative rotation lies behind the wall.
     return jnp.where(jnp.asarray(rotation) < 0, jnp.nan, margin) if block.one_sided else margin

@@ -29,10 +29,10 @@ UP_TO_ITS_SIDE = Domain(
 
 
 def is_before_wall(rotation: AnyArray, velocity: AnyArray) -> AnyArray:
-    """Return where the state of a one-sided block is not behind its wall, nor moves into it.
+    """Return where a one-sided block is neither behind its wall nor moves into it.
 
-    A block that moves into the wall would be thrown back at once: the state after that
-    impact has to be given instead.
+    A block that moves into the wall would rebound at once: the state after this impact has to
+    be given instead.
     """
     return (rotation > 0) | ((rotation == 0) & (velocity >= 0))
 
@@ -80,5 +80,5 @@ class Driven(Checked):
         check_initial_state(block, self.rotation, self.velocity)
 
     def bucketed(self) -> "Driven":
-        """Give the motion one of few shapes, so that few programs are compiled."""
+        """Pad the motion to one of few shapes, so that few programs are compiled."""
         return eqx.tree_at(lambda driven: driven.motion, self, self.motion.bucketed())

@@ -16,7 +16,7 @@ _Data = TypeVar("_Data", "xarray.DataArray", "xarray.Dataset")
 Values = TypeAliasType("Values", Number | Sequence[float | int])
 Chunks = TypeAliasType("Chunks", Mapping[str, int | Sequence[int]] | str)
 
-DataType = type | np.dtype | str  # of NumPy arrays
+DataType = type | np.dtype | str  # type of NumPy arrays
 
 
 class GridVariable(NamedTuple):
@@ -34,8 +34,9 @@ def as_axis(name: str, value: Values) -> np.ndarray:
     """
     quantity = QUANTITIES[name]
     check_concrete(value, f"{name} is an axis of a dataset")
-    # This only raises for anything but numbers. Its array has the precision of JAX; the axis
-    # stays in float64, since coordinates are compared with the values that were asked for.
+    # This call only raises for anything but numbers. Its array has the precision of JAX; the
+    # axis stays in float64, since coordinates are compared with the values that were asked
+    # for.
     as_real(name, value, unit=quantity.unit)
     values = np.asarray(value, dtype=float)
     if values.ndim > 1 or values.size == 0:
@@ -44,7 +45,7 @@ def as_axis(name: str, value: Values) -> np.ndarray:
             f" got an array of shape {values.shape}"
         )
     check(name, values, quantity.domain)
-    # Asked for a value that it has twice, a dataset would give two points instead of one.
+    # If an axis had a value twice, selecting it would give two points instead of one.
     distinct, counts = np.unique(values, return_counts=True)
     if distinct.size < values.size:
         raise ValueError(

@@ -45,7 +45,7 @@ class Grid:
         coordinate.
     variables : mapping of str to GridVariable
         The variables. Their dimensions are axes in the order of `axes`, and after them
-        `columns`; those of axes that are single numbers are left out.
+        `columns`; axes that are single numbers are left out.
     attributes : mapping
         Attributes of the dataset.
     compute : callable
@@ -76,7 +76,7 @@ class Grid:
             name: variable._replace(dims=tuple(n for n in variable.dims if n not in numbers))
             for name, variable in self.variables.items()
         }
-        object.__setattr__(self, "variables", variables)  # of a frozen class
+        object.__setattr__(self, "variables", variables)  # since the class is frozen
 
     def build_dataset(
         self, chunks: Chunks | None = None, store: str | Path | None = None
@@ -111,8 +111,8 @@ class Grid:
         """Compute all variables, part by part, into arrays or variables of a file."""
         sizes = {name: values.size for name, values in self.axes.items() if values.ndim}
         for region in show_progress(divide(sizes, self.largest), self.title.lower()):
-            parts = [v[region[n]] if n in region else v for n, v in self.axes.items()]
-            answers = self.compute(self.shared, *parts)
+            coordinates = [v[region[n]] if n in region else v for n, v in self.axes.items()]
+            answers = self.compute(self.shared, *coordinates)
             with defer_interrupts():
                 for name, target in targets.items():
                     # A variable without some of the axes is written once for each part along
@@ -121,7 +121,7 @@ class Grid:
                     target[tuple(region.get(dim, slice(None)) for dim in dims)] = answers[name]
 
     def label(self, arrays: Mapping[str, object]) -> "xarray.Dataset":
-        """Make the dataset of arrays of some variables, be they of NumPy or of Dask."""
+        """Make the dataset of arrays of some variables, by NumPy or Dask."""
         entries = {
             name: (self.variables[name].dims, array, self.variables[name].attributes)
             for name, array in arrays.items()
@@ -140,9 +140,9 @@ class Grid:
 
         scalars = " ".join(name for name, values in self.axes.items() if not values.ndim)
         named = {"coordinates": scalars} if scalars else {}
-        # xarray writes the head of the file, and would then want all variables in memory.
-        # netCDF4 can fill them part by part. To xarray scalar coordinates are variables like
-        # others here, so that what makes them coordinates is written by hand.
+        # xarray writes the head of the file; for the variables it would need all of them in
+        # memory, while netCDF4 can fill them part by part. The head has scalar coordinates as
+        # plain variables, so that the attribute that makes them coordinates is written here.
         with write_whole("store", path.parent, [path.name], overwrite=True) as scratch:
             with defer_interrupts():
                 self.label({}).reset_coords().to_netcdf(scratch / path.name)
@@ -169,20 +169,20 @@ class Grid:
                 f" {{{next(iter(sizes))!r}: 50}}, got {chunks!r:.60}"
             )
         template = self.label(self.make_arrays(array.empty, chunks=-1)).chunk(lengths)
-        # `map_blocks` divides variables, and coordinates along with them: so each axis has a
-        # variable. A single point has none, and is computed at once.
+        # `map_blocks` divides coordinates along with variables: so each axis has a variable. A
+        # single point has none, and is computed at once.
         indices = {f"index of {name}": (name, np.arange(size)) for name, size in sizes.items()}
         blocks = template.coords.to_dataset().assign(indices).chunk(lengths)
-        # This travels with every task, the values of its chunk come by themselves. Arrays
-        # travel as those of NumPy: arrived in a process of single precision, one of JAX would
-        # have lost half of its digits before `enable_x64` is called.
+        # The grid is sent with every task, without values, which come with the chunk. Arrays
+        # are sent as NumPy arrays: in a process of single precision, a JAX array would have
+        # lost half of its digits before `enable_x64` is called.
         shared = jax.tree.map(
             lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, self.shared
         )
         bare = replace(self, axes=dict.fromkeys(self.axes, np.empty(0)), shared=shared)
         options = {"grid": bare, "double": jax.config.jax_enable_x64}
         lazy = xarray.map_blocks(_compute_block, blocks, kwargs=options, template=template)
-        # Coordinates that are single numbers would be lazy as well.
+        # Otherwise scalar coordinates would be lazy, too.
         return lazy.assign_coords(template.coords)
 
 
@@ -197,14 +197,14 @@ def _compute_block(block: "xarray.Dataset", grid: Grid, double: bool) -> "xarray
         return replace(grid, axes=axes, shared=shared).compute_all()
 
 
-def list_points(*parts: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+def list_points(*axes: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     """Return the shape of a part of a grid, and each axis' value at each of its points.
 
     An axis that is a single number adds no dimension to the shape.
     """
-    shape = tuple(part.size for part in parts if part.ndim)
-    columns = np.meshgrid(*parts, indexing="ij", copy=False)
-    return shape, np.stack(columns).reshape(len(parts), -1)
+    shape = tuple(values.size for values in axes if values.ndim)
+    columns = np.meshgrid(*axes, indexing="ij", copy=False)
+    return shape, np.stack(columns).reshape(len(axes), -1)
 
 
 def apply_in_tiles(
@@ -217,8 +217,8 @@ def apply_in_tiles(
 
     The function takes the number of the tile and its points. One program serves all grids,
     since the last tile is filled with copies of its last point, which is inside of every
-    domain. As many threads as there are `workers` call the function, by default one for each
-    processor. Returns the pytree that it returns, with NumPy arrays over all points.
+    domain. The function is called by `workers` threads, by default one for each processor. The
+    result is the pytree of the function, with NumPy arrays over all points.
     """
     size = points.shape[1]
     numbers = range(-(-size // tile))
@@ -228,11 +228,11 @@ def apply_in_tiles(
         filled = np.pad(part, ((0, 0), (0, tile - part.shape[1])), mode="edge")
         return jax.device_get(function(number, filled))
 
-    # The first before the others, so that the program is compiled once instead of by all
-    # threads at the same time.
+    # The first tile goes before the others, so that the program is compiled once and not by
+    # all threads at the same time.
     first = compute_tile(0)
-    others = map_in_threads(compute_tile, numbers[1:], workers or count_processors())
-    return jax.tree.map(lambda *parts: np.concatenate(parts)[:size], first, *others)
+    following = map_in_threads(compute_tile, numbers[1:], workers or count_processors())
+    return jax.tree.map(lambda *tiles: np.concatenate(tiles)[:size], first, *following)
 
 
 def apply_padded(function: Callable[[_Tree], object], tree: _Tree) -> np.ndarray:
@@ -244,7 +244,7 @@ def apply_padded(function: Callable[[_Tree], object], tree: _Tree) -> np.ndarray
     size = max(np.size(leaf) for leaf in jax.tree.leaves(tree))
     room = max(256, 1 << (size - 1).bit_length())
 
-    # Numbers stay numbers: one value for all points, however many these are.
+    # Numbers stay numbers, one value for all points.
     def pad(leaf: jax.typing.ArrayLike) -> jax.typing.ArrayLike:
         return (
             np.pad(np.asarray(leaf), (0, room - size), mode="edge") if np.ndim(leaf) else leaf
@@ -256,8 +256,7 @@ def apply_padded(function: Callable[[_Tree], object], tree: _Tree) -> np.ndarray
 
 def choose_lengths(sizes: Mapping[Any, int], largest: int) -> dict[Any, int]:
     """Choose lengths of parts of at most `largest` points, dividing the first axes first."""
-    # As long as whole axes fit, a part lies in one piece in memory and in the file, whose last
-    # axis runs fastest.
+    # Parts with whole last axes are contiguous in memory and in the file.
     lengths = dict[Any, int]()
     for name, size in reversed([*sizes.items()]):
         lengths[name] = min(size, max(largest, 1))
@@ -272,4 +271,4 @@ def divide(sizes: Mapping[Any, int], largest: int) -> list[dict[Any, slice]]:
         [slice(k, min(k + lengths[name], size)) for k in range(0, size, lengths[name])]
         for name, size in sizes.items()
     ]
-    return [dict(zip(sizes, places, strict=True)) for places in itertools.product(*cuts)]
+    return [dict(zip(sizes, slices, strict=True)) for slices in itertools.product(*cuts)]

@@ -12,7 +12,7 @@ from .grid import divide
 if TYPE_CHECKING:
     import xarray
 
-_LARGEST = 2**18  # points that are read at once
+_LARGEST = 2**18  # number of points that are read at once
 
 
 def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
@@ -57,13 +57,13 @@ def write_table(dataset: "xarray.Dataset", path: str | Path) -> None:
     ):
         write_inputs(file, {n: v for n, v in dataset.attrs.items() if n != "Conventions"})
         for index, part in enumerate(show_progress(divide(dataset.sizes, _LARGEST), "table")):
-            with defer_interrupts():  # of the file that the dataset may be read from
+            with defer_interrupts():  # of reading from a file
                 frame = dataset.isel(part).to_dataframe().reset_index()
             heads = [
                 format_heading(str(n), dataset[n].attrs.get("units", ""))
                 for n in frame.columns
             ]
-            # All parts make one table, whose heads stand above the first.
+            # All parts make one table, with the head above the first part.
             frame.to_csv(
                 file, header=heads if index == 0 else False, index=False, na_rep="nan"
             )
@@ -73,5 +73,5 @@ def compute_overturned_fraction(dataset: "xarray.Dataset") -> float:
     """Compute the fraction of scenes in a spectrum that overturn under unlimited pulses."""
     # The margin alone is read, and a dataset in a file can be larger than memory.
     margin = dataset.overturning_margin
-    parts = show_progress(divide(dataset.sizes, _LARGEST), "overturned")
-    return sum(int((margin.isel(part) <= 0).sum()) for part in parts) / margin.size
+    regions = show_progress(divide(dataset.sizes, _LARGEST), "overturned")
+    return sum(int((margin.isel(region) <= 0).sum()) for region in regions) / margin.size

@@ -13,9 +13,9 @@ from ..validation import check_kind
 if TYPE_CHECKING:
     import xarray
 
-_TOKEN = "token"  # attribute of a store: what it is the answer to
+_TOKEN = "token"  # attribute of a store that identifies the computation
 _WRITTEN = "written"  # variable of a store: 1 for each region that is there
-# Every reader knows it, and its consolidated metadata belong to its conventions.
+# Every reader knows format 2, and its conventions include consolidated metadata.
 _FORMAT = 2
 
 
@@ -73,12 +73,12 @@ def write_zarr(dataset: "xarray.Dataset", path: str | Path) -> "xarray.Dataset":
         edges = np.cumsum([0, *lengths]).tolist()
         cuts.append(list(map(slice, edges[:-1], edges[1:])))
     regions = [
-        dict(zip(dataset.chunks, places, strict=True)) for places in itertools.product(*cuts)
+        dict(zip(dataset.chunks, slices, strict=True)) for slices in itertools.product(*cuts)
     ]
     if not path.exists():
         _begin_store(dataset, path, token, len(regions))
     written = None
-    # What Zarr and xarray raise about a folder, or a file, that holds something else.
+    # Errors of Zarr and xarray for a folder or file that is no store.
     failures = (OSError, ValueError, KeyError, TypeError)
     with contextlib.suppress(*failures), xarray.open_zarr(path) as store:
         if store.attrs[_TOKEN] == token:
@@ -99,12 +99,12 @@ def write_zarr(dataset: "xarray.Dataset", path: str | Path) -> "xarray.Dataset":
 
 
 def _begin_store(dataset: "xarray.Dataset", path: Path, token: str, number: int) -> None:
-    """Begin a store of so many regions: all but the numbers, whole or not at all."""
+    """Begin a store of a number of regions: everything but the values, whole or not at all."""
     import dask.array
 
     flags = dask.array.zeros(number, dtype=np.int8, chunks=1)
     described = {"long_name": "1 if this chunk has been written", "units": "1"}
-    # Of a variable without dimensions no region is written: it is computed here.
+    # A variable without dimensions has no regions: it is computed here.
     begun = dataset.map(lambda v: v if v.dims else v.compute(), keep_attrs=True)
     begun = begun.assign({_WRITTEN: ("chunk", flags, described)}).assign_attrs({_TOKEN: token})
     with write_whole("store", path.parent, [path.name], overwrite=False) as scratch:
@@ -114,10 +114,10 @@ def _begin_store(dataset: "xarray.Dataset", path: Path, token: str, number: int)
 def _write_region(
     part: "xarray.Dataset", path: Path, region: dict[str, slice], number: int
 ) -> None:
-    """Write one region, and after it the flag that says so.
+    """Write one region, then its flag.
 
-    A run that is killed in between leaves a region without a flag, of which perhaps a part is
-    written: the next run computes it again.
+    A run that is killed in between leaves a region without a flag, perhaps half written: the
+    next run computes it again.
     """
     import xarray
 

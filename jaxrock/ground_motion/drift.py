@@ -9,12 +9,13 @@ import numpy as np
 from ..validation import is_traced
 from .record import Record
 
-# In the 100 corrected components of FEMA P695, PGV changes by 0.6 % at most if the drift is taken
-# out; in the 22 of the examples, some of them uncorrected, by 7.5 %. An offset of 0.003 g on
-# FEMA's makes PGV 2.5 times as large in the median, and 182 of 200 are then told.
+# Removing the drift changes PGV by at most 0.6 % in the 100 corrected components of FEMA P695,
+# and by at most 7.5 % in the 22 components of the examples, some of them uncorrected. An
+# offset of 0.003 g raises PGV of FEMA's components 2.5 times in the median, and 182 of 200 are
+# then detected.
 _TOLERANCE = 0.25
-# Fewer samples, or seconds, are no record of an earthquake but made by hand, perhaps a pulse,
-# after which the ground moves on.
+# A motion of fewer samples or seconds is no record of an earthquake, but perhaps a pulse,
+# after which the ground goes on moving.
 _LEAST_SAMPLES = 100
 _LEAST_DURATION = 5.0
 
@@ -23,7 +24,7 @@ _WAY_OUT = (
     "Correct the baseline, by obspy or gmprocess for example, or subtract the mean before the"
     " event"
 )
-_LISTED = 3  # records of a suite that are named
+_LISTED = 3  # number of records of a suite that are named
 
 
 class Drift(NamedTuple):
@@ -41,7 +42,7 @@ def measure_drift(record: Record) -> Drift:
     a straight line from rest to the velocity at the end. Peaks are exact for lines between
     samples, as in `intensity_measure`.
     """
-    # In NumPy: JAX would compile a program for every number of samples.
+    # NumPy is used: JAX would compile a program for every number of samples.
     samples = np.asarray(record.acceleration, float)
     step = float(record.time_step)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -57,7 +58,7 @@ def _integrate_samples(samples: np.ndarray) -> tuple[float, float]:
     after = samples[1:]
     velocity = np.cumsum(0.5 * (before + after))
     # Where the acceleration changes its sign, the velocity has an extreme between two samples:
-    # that at the second one, less a triangle.
+    # the velocity at the second one minus a triangle.
     crosses = before * after < 0
     triangle = 0.5 * after[crosses] ** 2 / (before - after)[crosses]
     extremes = np.abs(velocity[crosses] + triangle)
@@ -66,9 +67,9 @@ def _integrate_samples(samples: np.ndarray) -> tuple[float, float]:
 
 
 def find_drift(record: Record) -> Drift | None:
-    """Find out whether the peak ground velocity of a record is due to a drift; None if not.
+    """Find the drift of a record if its peak ground velocity is due to it; None if not.
 
-    Nothing is said of traced records, or of arrays of them.
+    Traced records and arrays of records give None.
     """
     if is_traced(record) or record.acceleration.ndim > 1:
         return None

@@ -35,12 +35,12 @@ from .oscillator_response import compute_absolute_accelerations
 
 # The free vibration is over where the floor stays below this part of its peak.
 _NEGLIGIBLE = 1e-3
-FLOOR_DAMPING = 0.05  # of a floor of which it is not given
-# No floor of a building swings more slowly: a longer period was given in another unit.
+FLOOR_DAMPING = 0.05  # default damping of a floor
+# No floor of a building swings more slowly: a longer period is probably in another unit.
 FLOOR_PERIOD = Domain("from 0 to 20, in s", lambda x: (x >= 0) & (x <= 20), 0.5)
-# Samples of a floor in a period, where nobody gives a time step: lines miss 0.5 % of it.
+# Default number of samples in a period of a floor: straight lines between them miss 0.5 %.
 _SAMPLES_OF_PERIOD = 30
-# A time step that is given may be rounded.
+# Relative rounding of a time step that is given.
 _ROUNDING = 1e-6
 
 
@@ -86,13 +86,13 @@ class Floor(Printed, Checked):
         self.free_vibration = _read_time("free_vibration", free_vibration, NON_NEGATIVE)
 
     def __str__(self) -> str:
-        words = [
+        descriptions = [
             f"period {format_number(self.period, 's')}",
             f"damping {format_number(self.damping)}",
         ]
         if self.participation.ndim or is_traced(self.participation) or self.participation != 1:
-            words.append(f"participation {format_number(self.participation)}")
-        return f"floor of {', '.join(words)}"
+            descriptions.append(f"participation {format_number(self.participation)}")
+        return f"floor of {', '.join(descriptions)}"
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -109,7 +109,7 @@ def _read_time(name: str, value: Number | None, domain: Domain) -> float | None:
         return None
     check_concrete(value, f"{name} decides the number of samples")
     check(name, as_real(name, value, unit="s"), domain)
-    # No array of JAX: within a transformation it would be traced.
+    # A float and no JAX array, which would be traced within a transformation.
     return float(cast("Any", value))
 
 
@@ -125,18 +125,18 @@ Components = tuple[AnyArray, AnyArray | None, AnyArray]
 def compute_floor_motion(components: Components, floor: Floor) -> Components:
     """Compute the motion of a floor under the samples of a record; see `Record.on_floor`."""
     numbers = (components, floor)
-    # The precision that JAX promotes all to together.
+    # The common precision by the rules of JAX.
     unified = unify_precision(numbers)
     if not is_traced(numbers):
-        # In float64, and rounded once.
+        # Computed in float64, and rounded once.
         dtype = unified[0][0].dtype
         motion = _filter_samples(*jax.tree.map(lambda leaf: np.asarray(leaf, float), numbers))
         return jax.tree.map(lambda leaf: as_array(np.asarray(leaf, dtype)), motion)
     guarded, valid = replace_invalid(unified[1])
     motion, upward, step = _filter_samples(unified[0], guarded)
     if not isinstance(valid, bool):
-        of_floors = valid.all(axis=-1) if floor.participation.ndim else valid
-        motion = jnp.where(of_floors[..., None], motion, jnp.nan)
+        valid_floors = valid.all(axis=-1) if floor.participation.ndim else valid
+        motion = jnp.where(valid_floors[..., None], motion, jnp.nan)
     return motion, upward, step
 
 
@@ -162,9 +162,9 @@ def _filter_samples(components: Components, floor: Floor) -> Components:
     if not floor.participation.ndim:
         # One mode; other axes are floors.
         modes = [value[..., None] for value in modes]
-    # All of one rank: the leading axes, then the modes or the samples.
+    # All arrays get one rank: the leading axes, then the modes or the samples.
     numbers = (time_step[..., None], *modes)
-    shape = np.broadcast_shapes(acceleration[..., :1].shape, *(one.shape for one in numbers))
+    shape = np.broadcast_shapes(acceleration[..., :1].shape, *(a.shape for a in numbers))
     steps, period, damping, participation = (
         library.broadcast_to(value, shape) for value in numbers
     )
@@ -198,9 +198,9 @@ def _interpolate_samples(samples: AnyArray, division: int) -> AnyArray:
 
 
 def _find_end(motion: np.ndarray, last: int) -> int:
-    """Find the number of samples until all floors stay below a small part of their peaks."""
+    """Find the number of samples until all floors stay below a small fraction of their peaks."""
     size = abs(motion)
     moves = size > _NEGLIGIBLE * size.max(axis=-1, keepdims=True)
-    (places,) = np.nonzero(moves.reshape(-1, motion.shape[-1]).any(axis=0))
-    # With the first sample that is below it.
-    return max(last, int(places[-1]) + 1 if places.size else 0) + 1
+    (indices,) = np.nonzero(moves.reshape(-1, motion.shape[-1]).any(axis=0))
+    # The first sample below it is included.
+    return max(last, int(indices[-1]) + 1 if indices.size else 0) + 1

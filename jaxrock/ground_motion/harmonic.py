@@ -26,8 +26,8 @@ from ..validation import (
 from .motion import Motion
 
 _MOST_CYCLES = 10**6
-# Periods for which there is room at least. A power of two, as all larger sizes are: so few
-# sizes exist, and each number of periods below this one shares one program.
+# Least room for periods. Like all larger sizes it is a power of two: so there are few sizes,
+# and all numbers of periods up to this one share a program.
 _LEAST_ROOM = 256
 
 
@@ -110,8 +110,8 @@ class Harmonic(Motion):
 
     def knots(self) -> Float[Array, " knots"]:
         """Return start, extremes and end [s]; see `Motion.knots`."""
-        # The sine has its extremes at odd multiples of a quarter of a period. The clip makes
-        # the start of the number before the first, and the end of all in the spare room.
+        # The sine has its extremes at odd multiples of a quarter of a period. The clip turns
+        # the knot before the first extreme into the start, and the spare room into the end.
         numbers = 0.5 * jnp.arange(2 * self.cycles + 2, dtype=self.frequency.dtype) - 0.25
         return self.start + jnp.clip(numbers, 0, self._period_count) * self.period
 
@@ -135,7 +135,7 @@ class Harmonic(Motion):
 class PaddedHarmonic(Harmonic):
     """A concrete harmonic motion with room for more periods: many numbers share a program.
 
-    Here `cycles`, which is static and decides about shapes, is the room; the periods of the
+    Here `cycles`, which is static and determines shapes, is the room; the periods of the
     motion itself are `filled`, a number like others.
     """
 
@@ -151,7 +151,7 @@ class PaddedHarmonic(Harmonic):
 
     @property
     def _period_count(self) -> Reals:
-        """Number of periods until the end, those of the motion itself."""
+        """Number of periods of the motion itself."""
         return self.filled
 
     def bucketed(self) -> "PaddedHarmonic":
@@ -161,8 +161,8 @@ class PaddedHarmonic(Harmonic):
 
 def _check_cycles(cycles: Any) -> int:
     """Convert the argument `cycles` to an int; a `ValueError` if it counts no periods."""
-    # Any number that is not allowed, here 0, leads to the error below. True is an index to
-    # Python, but a mistake here; a traced number raises a TypeError.
+    # A number that is not allowed, such as 0 here, leads to the error below. Python takes True
+    # for an index, but it is a mistake here; a traced number raises a TypeError.
     try:
         number = 0 if isinstance(cycles, bool | np.bool_) else operator.index(cycles)
     except TypeError:

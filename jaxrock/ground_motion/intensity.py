@@ -11,7 +11,7 @@ from ..numerics import pick_larger, pick_largest
 from ..validation import Numbers, Reals, as_name, check_kind, is_traced
 from .record import Record
 
-# The measures that `intensity_measure` knows, by name: in words, the unit, and whether it is
+# The measures of `intensity_measure` by name: description, unit, and whether a measure is
 # relative to a block.
 MEASURES = {
     "pga": ("peak ground acceleration", "m/s2", False),
@@ -20,15 +20,14 @@ MEASURES = {
     "pgv_ratio": ("peak ground velocity over g tan(alpha_c) / p", "1", True),
 }
 
-# Far beyond all that instruments on the ground have recorded [m/s2, m/s]; hazard curves end
-# below.
+# Intensities far beyond all ground motions on record [m/s2, m/s]; hazard curves end below.
 LARGEST_INTENSITIES = {"pga": 100.0, "pgv": 20.0}
 
 
 def warn_of_large_intensities(name: str, levels: Numbers, measure: str) -> None:
     """Warn of levels that no earthquake reaches, which are perhaps in another unit.
 
-    Traced levels, and those of measures that are relative to a block, are not looked at.
+    Traced levels, and levels of measures relative to a block, are not checked.
 
     Parameters
     ----------
@@ -85,14 +84,15 @@ def intensity_measure(record: Record, measure: str, block: Block | None = None) 
     measure = as_name("measure", measure, MEASURES)
     check_kind("record", record, Record)
     relative = MEASURES[measure][2]
-    # A block that is of no use is left out, so that it adds neither its shape nor a program.
+    # A block that the measure does not need is left out: it would add its shape, and a
+    # program.
     if relative and block is None:
         raise ValueError(f"block must be given for the measure {measure!r}")
     return _compute_measure(record.bucketed(), measure, block if relative else None)
 
 
 def describe_strength(record: Record) -> str:
-    """Describe the strength of a record on one line, in which a wrong unit is seen at once."""
+    """Describe the strength of a record on one line, which shows a wrong unit at once."""
     pga, pgv = (float(intensity_measure(record, name)) for name in ("pga", "pgv"))
     duration = float(record.end - record.start)
     return f"PGA {pga:.3g} m/s2 ({pga / 9.81:.3g} g), PGV {pgv:.3g} m/s, {duration:.4g} s long"
@@ -118,14 +118,14 @@ def _peak_velocity(samples: Reals, last: int | Reals) -> Reals:
     """Compute the largest magnitude of velocity, over the time step, until the `last` sample."""
     before = samples[..., :-1]
     after = samples[..., 1:]
-    # A padded record falls from its last sample to the first zero. That interval, which would
-    # add to the velocity, is no part of the motion.
+    # A padded record falls from its last sample to the first zero. This interval would add to
+    # the velocity, but does not belong to the motion.
     inside = jnp.arange(before.shape[-1], dtype=samples.dtype) < jnp.asarray(last)
     velocity = jnp.cumsum(jnp.where(inside, 0.5 * (before + after), 0), axis=-1)
     # Where the acceleration changes its sign, the velocity has an extreme between two samples:
-    # that at the second one, less the integral from the zero to there, which is a triangle.
+    # the velocity at the second one minus the integral from the zero on, a triangle.
     crosses = inside & (before * after < 0)
-    # The 1 stands in where no sign changes: a divisor 0 would make derivatives NaN.
+    # Without a change of sign the divisor is 1: a divisor of 0 would make derivatives NaN.
     triangle = 0.5 * after * after / jnp.where(crosses, before - after, 1)
     extreme = jnp.where(crosses, velocity + triangle, 0)
     return pick_largest(pick_larger(abs(velocity), abs(extreme)))

@@ -159,8 +159,8 @@ class Motion(Printed, Checked):
             If the motion would begin before time 0.
         """
         start = self.start + as_real("delay", delay, unit="s")
-        # `tree_at` makes no new object by `__init__`, so that what is traced stays as it is,
-        # and checks nothing: the one number that changes is checked here.
+        # `tree_at` does not call `__init__`: traced fields stay as they are, and nothing is
+        # checked. So the one number that changes is checked here.
         check("start", start, NON_NEGATIVE)
         return eqx.tree_at(lambda motion: motion.start, self, start)
 
@@ -224,8 +224,8 @@ class Motion(Printed, Checked):
         bound : Array, shape (...)
             Time [s].
         """
-        # Corners and times come from the start and the length of the motion in at most six
-        # operations, each of which rounds by eps / 2.
+        # Corners and times follow from the start and the length of the motion by at most six
+        # operations, each rounding by eps / 2.
         return 2 * float(jnp.finfo(time.dtype).eps) * (time + self.end)
 
     def bucketed(self) -> "Motion":
@@ -247,6 +247,6 @@ def _compute_acceleration(motion: Motion, time: Reals) -> tuple[Reals, Reals]:
     """Compute both components of the acceleration, 0 where the motion does not act."""
     acts = motion.acts(time)
     # Far outside, the continuation of `value` may overflow. The derivative of `where` would
-    # multiply the infinite slope of the branch not taken by 0, which is NaN.
+    # multiply the infinite slope of the unused branch by 0, which is NaN.
     inside = jnp.where(acts, time, motion.start)
     return jax.tree.map(lambda a: jnp.where(acts, a, 0), motion.value(inside))

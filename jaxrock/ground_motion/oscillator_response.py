@@ -5,7 +5,7 @@ The equation in units of the time step h, of an oscillator that is at rest at th
     d'' + 2 c d' + x^2 d = -a,        x = 2 pi h / T,  c = zeta x,
 
 with the displacement d relative to the ground over h^2 (Nigam and Jennings 1969,
-doi:10.1785/BSSA0590020909). Each interval between two samples leaves the oscillator with a
+doi:10.1785/BSSA0590020909). After each interval between two samples the oscillator has a
 displacement and a velocity, from which it vibrates freely, in closed form: the motion is the
 convolution of the samples with these vibrations.
 """
@@ -14,7 +14,8 @@ import numpy as np
 
 from ..validation import AnyArray, choose_namespace
 
-# Below this x the closed integrals over a step cancel; above, they lose no more than a digit.
+# Below this x the closed forms of the integrals over a step cancel; above it they lose at most
+# a digit.
 _SHORT = 2.0
 # Eight nodes integrate a vibration over less than a third of its period without an error.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -45,10 +46,10 @@ def compute_absolute_accelerations(
     library = choose_namespace((samples, x, damping, weights))
     response = _respond_to_step(x[..., None], damping[..., None], steps)
     response = (weights[..., None, :, None] * response).sum(axis=-2)
-    ends = library.stack([samples[..., :-1], samples[..., 1:]], axis=-2)
-    # A power of two, so long that nothing returns to the beginning.
+    pairs = library.stack([samples[..., :-1], samples[..., 1:]], axis=-2)
+    # The length is a power of two, and long enough that nothing wraps around to the beginning.
     size = 1 << (2 * steps - 1).bit_length()
-    spectrum = library.fft.rfft(ends, n=size) * library.fft.rfft(response, n=size)
+    spectrum = library.fft.rfft(pairs, n=size) * library.fft.rfft(response, n=size)
     moved = library.fft.irfft(spectrum.sum(axis=-2), n=size)[..., :steps]
     return library.concatenate([library.zeros_like(moved[..., :1]), moved], axis=-1)
 
@@ -59,8 +60,8 @@ def _respond_to_step(x: AnyArray, damping: AnyArray, steps: int) -> AnyArray:
     Returns
     -------
     Array, shape (..., 2, oscillators, steps)
-        At the ends of the steps, the first of which is that interval, for a unit of the
-        sample at its beginning and at its end.
+        Accelerations at the ends of the steps, for a unit sample at the beginning and one at
+        the end of the first step.
     """
     library = choose_namespace((x, damping))
     decay = damping * x
@@ -71,7 +72,7 @@ def _respond_to_step(x: AnyArray, damping: AnyArray, steps: int) -> AnyArray:
         decayed = library.exp(-decay * times)
         return decayed * library.cos(rate * times), decayed * library.sin(rate * times) / rate
 
-    # The response to an impulse after one step, its integral, and the integral of that.
+    # The response to an impulse after one step, its first integral, and its second integral.
     cosine, impulse = vibrate(np.ones(1))
     _, inside = vibrate(_NODES)
     integrals = inside @ np.stack([_WEIGHTS, _WEIGHTS * (1 - _NODES)], axis=1).astype(x.dtype)

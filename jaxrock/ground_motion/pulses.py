@@ -71,14 +71,14 @@ class Pulse(Motion):
     duration: Reals = quantity(POSITIVE, "s")
     start: Reals = quantity(NON_NEGATIVE, "s")
 
-    # Constants of the class, not numbers of the pulse: they are known when a program is made.
+    # Constants of the class: they are known when a program is compiled.
     extremes: ClassVar[tuple[float, ...]]
     area: ClassVar[float]
     angle: ClassVar[float]
     harmonic: ClassVar[tuple[float, float] | None] = None
     name: ClassVar[str] = "pulse"
 
-    # Repeated in every subclass: type checkers would generate another one from the fields.
+    # Repeated in every subclass: otherwise type checkers generate one from the fields.
     def __init__(self, amplitude: Number, duration: Number, start: Number = 0.0):
         self.amplitude = as_field(Pulse, "amplitude", amplitude)
         self.duration = as_field(Pulse, "duration", duration)
@@ -263,9 +263,9 @@ class Ricker(Pulse):
 
     __init__ = Pulse.__init__
     name = "symmetric Ricker wavelet"
-    # The side peaks stand where pi^2 x^2 = 3/2.
+    # The side peaks lie where pi^2 x^2 = 3 / 2.
     extremes = (0.0, 2 - math.sqrt(1.5) / math.pi, 2.0, 2 + math.sqrt(1.5) / math.pi, 4.0)
-    # The intensity of the whole wavelet; both tails that are cut off come to 3e-17 together.
+    # The intensity of the whole wavelet; the two tails that are cut off add up to 3e-17.
     area = 0.0
     angle = 2 * math.pi
 

@@ -26,8 +26,8 @@ from .motion import Motion
 from .samples import integrate_samples, interpolate, refuse_empty, refuse_times
 from .units import require_unit
 
-# Numbers of samples to which records are padded: the first, else a multiple of the second.
-# Each padded length costs the compilation of a program, each sample only a place in memory.
+# Records are padded to the first number of samples, or else to a multiple of the second. Each
+# padded length costs a compilation, each sample only memory.
 _LEAST_LENGTH = 2**14
 _LENGTH_STEP = 2**16
 
@@ -95,14 +95,14 @@ class Record(Motion):
         self.scale = as_field(Record, "scale", scale)
         self.start = as_field(Record, "start", start)
         shape = self.acceleration.shape
-        # `Checked`, which comes after this, looks at leading axes alone: the axis of samples
-        # is looked at here.
+        # `Checked`, which runs later, checks leading axes only: the axis of samples is checked
+        # here.
         if shape[-1:] < (2,):
             raise ValueError(
                 f"acceleration must have at least two samples, got an array of shape {shape}"
             )
         # Columns of times and accelerations, as `numpy.loadtxt` reads them, are a likely
-        # mistake; many records of two samples each are none that anybody would measure.
+        # mistake; nobody measures many records of two samples each.
         if len(shape) > 1 and shape[-1:] == (2,) and shape[-2:-1] > (2,):
             raise ValueError(
                 "acceleration must have its samples along the last axis, got an array of shape"
@@ -162,10 +162,11 @@ class Record(Motion):
         A sample belongs to the interval before it, since integration steps end there.
         """
         position = (time - self.start) / self.time_step
-        # The time of a sample may round to either side of it. A little is taken off, so that
-        # it counts as before: else a step that ends there would end on the next line.
+        # The time of a sample may round to either side. A little is subtracted, so that the
+        # sample belongs to the line before it: otherwise a step that ends there would end on
+        # the next line.
         index = jnp.ceil(position - self.time_rounding(time) / self.time_step) - 1
-        # Before the start and behind the end, the outer lines go on.
+        # Before the start and after the end, the outer lines are continued.
         index = jnp.clip(index, 0, self._last_index - 1)
         along = position - index
         # The interval is piecewise constant: its derivative is 0, also where it jumps.
@@ -182,8 +183,8 @@ class Record(Motion):
 
     def next_kink(self, time: Reals) -> Reals:
         """Return the next sample's time [s], inf beyond the last; see `Motion.next_kink`."""
-        # A time within rounding of a sample is that sample's: without the tolerance, a step
-        # might be asked to end where it begins.
+        # A time within rounding of a sample counts as the sample: without this tolerance, a
+        # step might have to end where it begins.
         position = (time + self.time_rounding(time) - self.start) / self.time_step
         index = jnp.maximum(jnp.floor(position) + 1, 0)
         kink = self.start + index * self.time_step
@@ -196,7 +197,7 @@ class Record(Motion):
 
     def bucketed(self) -> "Record":
         """Return the record padded, unless it is traced; see `Motion.bucketed`."""
-        # A traced record is part of a program already, with its shape.
+        # A traced record already belongs to a program of its shape.
         traced = is_traced(self)
         return self if traced else PaddedRecord(self)
 
@@ -300,7 +301,8 @@ def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
     samples = as_field(Record, name, samples)
     if is_traced(samples):
         return factor * samples
-    # In NumPy: JAX would compile the product for every length. What overflows is refused.
+    # NumPy is used: JAX would compile the product for every length. Values that overflow are
+    # refused.
     with np.errstate(over="ignore"):
         return as_field(Record, name, factor * np.asarray(samples))
 
@@ -308,14 +310,14 @@ def _convert_samples(name: str, samples: Numbers, unit: str | None) -> Reals:
 class PaddedRecord(Record):
     """A concrete record with zeros after its end, so that many lengths share a program.
 
-    The index of the last sample of the record itself, `filled`, is a number like others, not
-    static: else there would be a program for each length again.
+    The index of the last sample of the record itself, `filled`, is not static: otherwise there
+    would be a program for each length again.
     """
 
     filled: Reals = quantity(NON_NEGATIVE)
 
     def __init__(self, record: Record):
-        # Padded in NumPy: JAX would compile the padding for every length.
+        # NumPy pads: JAX would compile the padding for every length.
         room = choose_padded_length(record.samples)
         vertical = record.vertical
         self.acceleration = as_array(pad_samples(record.acceleration, room))

@@ -123,14 +123,14 @@ class Suite(Printed, eqx.Module):
             ways = " in reverse direction"
         samples = format_number(np.array([record.samples for record in self.records]))
         steps = format_number(np.array([float(record.time_step) for record in self.records]))
-        words = (
+        summary = (
             f"suite of {self.recordings} record{'s' * (self.recordings > 1)}{ways} of"
             f" {samples} samples, {steps} s apart"
         )
         if self.ground is None:
-            return words
+            return summary
         floor = "floors" if self.floor is None else f"a {self.floor}"
-        return f"{words}, on {floor}; intensities are those of the ground"
+        return f"{summary}, on {floor}; intensities are those of the ground"
 
     @property
     def recordings(self) -> int:
@@ -172,12 +172,12 @@ class Suite(Printed, eqx.Module):
 
     def _find_directions(self, which: slice) -> int:
         """Find in how many directions a part of the suite has its records."""
-        places = range(len(self))[which]
-        recordings = [place % self.recordings for place in places]
+        indices = range(len(self))[which]
+        recordings = [index % self.recordings for index in indices]
         if len(set(recordings)) == len(recordings):
             return 1
-        half = len(places) // 2
-        if list(places[half:]) != [place + self.recordings for place in places[:half]]:
+        half = len(indices) // 2
+        if list(indices[half:]) != [index + self.recordings for index in indices[:half]]:
             raise ValueError(
                 "a slice of a suite in both directions must take each of its records in one"
                 " direction only, or first all as recorded and then the same reversed, got"
@@ -237,8 +237,8 @@ class Suite(Printed, eqx.Module):
         """
         levels = as_real("levels", levels)
         check("levels", levels, POSITIVE)
-        # `scaled` takes an axis for the records and then broadcasts against the scales: axes
-        # of levels would meet those of the scales.
+        # `scaled` takes an axis of records and then broadcasts against the scales: axes of
+        # levels would collide with axes of scales.
         shape = np.shape(self.records[0].scale)
         if shape and levels.ndim:
             raise ValueError(f"levels must be one level if scales are arrays, here of {shape}")
@@ -271,7 +271,7 @@ class Suite(Printed, eqx.Module):
                 f"factors must be one factor, or one for each of {len(self)} records,"
                 f" got an array of shape {factors.shape}"
             )
-        # In NumPy: JAX would compile a program to take the array apart.
+        # NumPy is used: JAX would compile a program to split the array.
         rows = (
             choose_namespace(factors).asarray(factors)
             if factors.ndim
@@ -398,20 +398,20 @@ def _check_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
     """Return the names of records, by default numbers; a `ValueError` if not allowed."""
     if names is None:
         return tuple(str(number) for number in range(1, count + 1))
-    # A string is a sequence of strings as well, of its letters.
+    # A string is a sequence of strings as well: its letters.
     allowed = not isinstance(names, str) and all(isinstance(name, str) for name in names)
     if not allowed or len(names) != count or len(set(names)) != count:
         raise ValueError(
             f"names must be a list of different names, one for each of {count} records, got"
             f" {describe(names)}"
         )
-    return tuple(map(str, names))  # plain ones: Equinox takes those of NumPy for arrays
+    return tuple(map(str, names))  # plain strings: Equinox takes NumPy strings for arrays
 
 
 def _reverse_record(record: Record) -> Record:
     """Reverse the sign of the horizontal acceleration of a record."""
     samples = record.acceleration
-    # In NumPy: JAX would compile a program for each length.
+    # NumPy is used: JAX would compile a program for each length.
     reverse = as_array(choose_namespace(samples).negative(samples))
     return eqx.tree_at(lambda record: record.acceleration, record, reverse)
 
@@ -424,7 +424,7 @@ def average_directions(values: AnyArray, directions: int) -> AnyArray:
 
 
 def require_positive_measures(suite: Suite, measure: str, block: Block | None = None) -> Reals:
-    """Measure the records, each of which has to be above 0, so that a factor can scale it.
+    """Measure the records; each measure has to be above 0, so that a factor can scale it.
 
     Raises a `ValueError` otherwise, and warns where PGV is due to a drift.
     """
@@ -458,7 +458,7 @@ def describe_suite(suite: Suite) -> dict[str, int | str]:
 def vary_floor(
     suite: Suite, period_factor: np.ndarray, damping_factor: np.ndarray
 ) -> tuple[Record, ...]:
-    """Compute the motions of floors that differ from the one on which a suite is.
+    """Compute the motions of floors that differ from the floor of a suite.
 
     Parameters
     ----------

@@ -5,9 +5,9 @@ import math
 from ..tables import UNITS_OF_ACCELERATION, parse_unit
 
 
-def convert_unit(words: str) -> float:
+def convert_unit(text: str) -> float:
     """Convert a unit of acceleration to m/s2; NaN if it is not understood."""
-    _, dimension, factor = parse_unit(words)
+    _, dimension, factor = parse_unit(text)
     return factor if dimension == "acceleration" else math.nan
 
 

@@ -36,10 +36,10 @@ from .quantities import (
 )
 
 # Relative width of the brackets at which derivatives are taken, unless they are narrower
-# anyway. The derivatives change with the distance from the boundary: so close to it by 1e-6 of
-# themselves at most, under records, and typically by 1e-11.
+# anyway. The derivatives depend on the distance from the boundary. At this width their
+# relative change is at most 1e-6, under records, and typically 1e-11.
 _TOLERANCE_OF_DERIVATIVES = 1e-12
-_MAX_LINES = 12  # of boundaries that are printed
+_MAX_LINES = 12  # number of boundaries that are printed
 
 
 class Boundaries(Printed, eqx.Module):
@@ -215,7 +215,7 @@ def search_boundaries(
     return find_boundaries(subject, levels, search)[0]
 
 
-# With the boundaries, the values right behind them at which the block overturns.
+# The boundaries, and the values right behind them at which the block overturns.
 _Sides = tuple[Boundaries, AnyArray]
 
 
@@ -231,7 +231,7 @@ def find_boundaries(subject: Subject, values: Reals, search: Search) -> _Sides:
 def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -> _Sides:
     """Find the boundaries, and the values right behind them at which the block overturns.
 
-    All of them, or under a transformation `max_boundaries`.
+    Finds all boundaries, or under a transformation `max_boundaries` of them.
     """
     traced = is_traced((subject, values))
     library = choose_namespace((subject, values))
@@ -259,7 +259,7 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
         mode = library.where(response.overturned, response.mode, response.impacts)
         return EvaluatedMargin(response.margin, mode, response.peak_rotation)
 
-    # First pairs of values with a change in between, then both sides of each.
+    # First find pairs of values between which the outcome changes, then refine each pair.
     if traced:
         pairs = find_brackets_traced(evaluate, table, search.halvings, search.max_boundaries)
     else:
@@ -270,20 +270,20 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     falls = changes.falls
     eps = float(jnp.finfo(table.dtype).eps)
     # The mode is the number of impacts before overturning. Within rounding of the boundary a
-    # block balances so long that rounding decides about it, so that impacts are counted a
-    # little further into overturning: by a part eps**0.4 of the value, 5e-7 in double
+    # block balances so long that rounding decides about further impacts. So impacts are
+    # counted a little further into overturning: by eps**0.4 of the value, 5e-7 in double
     # precision. The distance from the boundary is then known to 60 % of the digits, and is far
-    # below the width of the windows that are sought, 1 %. Where a window of overturning is
+    # below 1 %, the width of the windows that are sought. Where a window of overturning is
     # narrower still, so that the block stands again there, impacts are counted right behind
     # the boundary.
     further = falls + library.sign(falls - stands) * eps**0.4 * abs(falls)
     beyond = simulate(pairs.case, further)
     mode = library.where(beyond.overturned, beyond.mode, changes.at_falls.mode)
-    # Toppling does not bring the margin to 0 but ends the motion: the margin jumps there. At a
-    # zero, the margin on the standing side is about as small as rounding makes it, at a jump
-    # it is of order 1; a quarter of the digits, 1e-4 in double precision, tells the two apart.
-    # The peak has to be as close to pi / 2, since chaos makes the margin steep beside a zero
-    # as well.
+    # Toppling does not bring the margin to 0 but ends the motion: the margin jumps there. On
+    # the standing side the margin is near rounding at a zero, and of order 1 at a jump; a
+    # threshold of a quarter of the digits, 1e-4 in double precision, separates the two. The
+    # peak has to be as close to pi / 2, since chaos makes the margin steep beside a zero as
+    # well.
     margin, _, peak = changes.at_stands
     toppled = (margin > eps**0.25) & (peak > TOPPLED_ROTATION - eps**0.25)
     valid = pairs.valid & changes.success & beyond.complete
@@ -292,7 +292,7 @@ def _compute_boundaries(subject: Subject, values: AnyArray, *, search: Search) -
     def fill_table(
         entries: AnyArray, missing: float | int, listed: AnyArray = valid
     ) -> AnyArray:
-        """Arrange entries of pairs by case and order, with `missing` where there is none."""
+        """Arrange entries of pairs by case and order, and fill with `missing`."""
         entries = library.where(listed, entries, missing)
         rows = library.full((size, columns), missing, entries.dtype)
         if traced:
@@ -326,11 +326,12 @@ def _differentiate_boundaries(
 ) -> tuple[_Sides, _Sides]:
     """Differentiate boundaries, elementwise in all parameters that are perturbed.
 
-    By the implicit function theorem; see `compute_tangents`. The values between which
-    boundaries are sought have no influence on where these lie, so that their tangents are
-    dropped. All fields but `value` have no tangent.
+    The implicit function theorem is used; see `compute_tangents`. The values between which
+    boundaries are sought do not move the boundaries, so that their tangents are dropped. All
+    fields but `value` have no tangent.
 
-    With a tolerance, boundaries that are differentiated are refined further.
+    If the search has a tolerance, boundaries are refined further before they are
+    differentiated.
     """
     subject, values = primals
     changes, sample_changes = split_parameters(tangents[0])

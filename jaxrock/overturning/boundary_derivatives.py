@@ -14,8 +14,8 @@ Under a long motion, a record or a `Harmonic`, the margin jumps at most boundari
 there balances on its corner while the ground still moves, and topples or falls back long
 before the end. While it balances, its distance from balance grows exponentially, whatever has
 caused it, and all that happens later depends on that distance. So the quotient of two
-derivatives of whatever happens later is the derivative of the boundary; what does not depend
-on the distance adds an error of about one over its growth. The residual is therefore the
+derivatives of any later quantity is the derivative of the boundary; influences other than the
+distance add a relative error of about one over its growth. The residual is therefore the
 velocity with which the block passes pi / 2 on the falling side of the bracket.
 """
 
@@ -34,22 +34,22 @@ from ..host import count_processors, count_work, map_in_threads
 from ..validation import AnyArray, choose_namespace, is_traced
 from .quantities import Search, Subject, respond_at, split_parameters
 
-# Columns of one program, each a derivative of one boundary. So many that one program serves
-# any count of boundaries, and derivatives with respect to whatever moves.
+# Columns of one program, each a derivative of one boundary. Their number is fixed, so that one
+# program serves any count of boundaries and any set of parameters.
 _ROOM = 512
 # The velocity of a block that topples from balance depends on the logarithm of the distance
 # from the boundary: its derivative with respect to the value, times that distance, is about
-# the velocity itself. Where it is less than this part of it over the width of the bracket,
-# rounding moves the block more than the distance does, or the block does not balance. Then
-# the derivative is not known.
+# the velocity itself. Where the derivative is less than this fraction of the velocity over the
+# width of the bracket, rounding moves the block more than the distance does, or the block does
+# not balance. Then the derivative of the boundary is not known.
 _PART_OF_RESIDUAL = 1e-3
 
 
 class BoundarySides(NamedTuple):
     """Both sides of boundaries, shape (..., boundaries)."""
 
-    value: AnyArray  # of the quantity, where the block does not overturn
-    falls: AnyArray  # of the quantity, where it does
+    value: AnyArray  # values of the quantity at which the block does not overturn
+    falls: AnyArray  # values at which it overturns
     toppled: AnyArray  # as in `Boundaries`
 
 
@@ -80,8 +80,8 @@ def compute_tangents(
 
     value = pad_columns(sides.value, library.nan)
     exists = library.isfinite(value)
-    # In a transformation shapes must not depend on how many there are: all columns are
-    # simulated, those without a boundary at the first of the values.
+    # In a transformation shapes must not depend on the number of boundaries: all columns are
+    # simulated, those without a boundary at the first value.
     chosen = library.ones_like(exists) if traced else exists
 
     def flatten(entries: AnyArray) -> AnyArray:
@@ -91,12 +91,12 @@ def compute_tangents(
     toppled = pad_columns(sides.toppled, False)
     falls = pad_columns(sides.falls, library.nan)
     width = abs(falls - value)
-    # Under a pulse the margin vanishes at the value that is listed, as the distance from
-    # pi / 2 does where the block topples.
+    # The listed value is a zero of the margin under a pulse, and of the distance from pi / 2
+    # where the block topples.
     continuous = toppled | isinstance(subject.motion, Pulse)
-    at = library.where(continuous, value, falls)
-    at = library.where(exists, at, library.asarray(values)[..., :1])
-    rows = [flatten(at), *(flatten(library.asarray(leaf)[..., None]) for leaf in leaves)]
+    point = library.where(continuous, value, falls)
+    point = library.where(exists, point, library.asarray(values)[..., :1])
+    rows = [flatten(point), *(flatten(library.asarray(leaf)[..., None]) for leaf in leaves)]
     edges = _Edges(
         samples, form, library.stack(rows), flatten(toppled), flatten(width), search
     )
@@ -150,12 +150,9 @@ class _Edges(NamedTuple):
     search: Search
 
     def compute_derivatives(self, moving: Sequence[int]) -> AnyArray:
-        """Compute derivatives (parameters, boundaries) with respect to what moves.
-
-        NaN where they are not known.
-        """
-        # A column for each boundary and direction, first the derivatives with respect to the
-        # value: so one program serves derivatives with respect to any parameters.
+        """Compute derivatives (parameters, boundaries), NaN where they are not known."""
+        # Each boundary and direction has a column; the first direction is the value of the
+        # quantity. So one program serves derivatives with respect to any parameters.
         count = self.rows.shape[1]
         directions = np.repeat(np.array([0, *(k + 1 for k in moving)], np.int32), count)
         times = len(moving) + 1
@@ -165,7 +162,8 @@ class _Edges(NamedTuple):
             library.tile(self.toppled, times),
             directions,
         )
-        # Searches that differ in what plays no role here share a program.
+        # Fields of the search that play no role here are left out, so that searches share a
+        # program.
         search = Search(self.search.along, self.search.model, 0)
         if is_traced(self.rows):
             result = _differentiate_residual(
@@ -174,13 +172,13 @@ class _Edges(NamedTuple):
         else:
             result = _differentiate_in_pieces(self.samples, columns, self.form, search)
         residuals, derivatives = result.reshape(2, times, count)
-        to_value, *to_parameters = derivatives
+        value_derivative, *parameter_derivatives = derivatives
         # Rounding moves a boundary by some eps, whatever the bracket is.
         eps = float(jnp.finfo(self.rows.dtype).eps)
         width = library.maximum(self.width, 8 * eps * abs(self.rows[0]))
-        known = abs(to_value) * width >= _PART_OF_RESIDUAL * abs(residuals[0])
-        divisor = library.where(known, -to_value, library.nan)
-        return library.stack([part / divisor for part in to_parameters])
+        known = abs(value_derivative) * width >= _PART_OF_RESIDUAL * abs(residuals[0])
+        divisor = library.where(known, -value_derivative, library.nan)
+        return library.stack([part / divisor for part in parameter_derivatives])
 
 
 def _differentiate_residual(
@@ -199,16 +197,16 @@ def _differentiate_residual(
     """
 
     def compute_residual(rows: jax.Array) -> jax.Array:
-        at, *parameters = rows
+        point, *parameters = rows
         subject = eqx.combine(jax.tree.unflatten(form, parameters), samples)
-        response = respond_at(subject, at, search, count)
+        response = respond_at(subject, point, search, count)
         residual = response.margin
         if not isinstance(subject.motion, Pulse):
             # Its value is not 0, but only derivatives count; see the top of this file.
             passes = response.peak_rotation >= TOPPLED_ROTATION
             residual = jnp.where(passes, response.final_velocity, residual)
-        # Toppling ends the motion while the margin is still far from 0: what vanishes there is
-        # the distance of the peak from pi / 2.
+        # Toppling ends the motion while the margin is still far from 0: there the distance of
+        # the peak from pi / 2 vanishes.
         return jnp.where(toppled, TOPPLED_ROTATION - response.peak_rotation, residual)
 
     # One tangent for many blocks compiles faster than many tangents for one.
@@ -236,12 +234,12 @@ def _differentiate_in_pieces(
     derive = _compile(jax.default_backend())
 
     def differentiate_piece(k: int) -> np.ndarray:
-        parts = [entries[..., k::pieces] for entries in columns]
-        count = parts[0].shape[-1]
-        # Filled up with copies of the last column, valid parameters that are not simulated:
+        piece = [entries[..., k::pieces] for entries in columns]
+        count = piece[0].shape[-1]
+        # The rest is filled with copies of the last column, which are valid but not simulated:
         # the program stops after `count` columns.
         room = [
-            np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in parts
+            np.pad(p, [(0, 0)] * (p.ndim - 1) + [(0, _ROOM - count)], "edge") for p in piece
         ]
         result = derive(samples, count, *room, form=form, search=search)
         result = np.asarray(result)[:, :count]

@@ -15,8 +15,8 @@ from ..validation import Number, check_kind, choose_namespace
 from .boundaries import Boundaries, search_boundaries
 from .quantities import Search
 
-# The first values are 2**6 = 64 times as far apart as the resolution demands. Only intervals
-# in which a window might hide are halved down to it, a small part of the range.
+# The first values are 2**6 = 64 times as far apart as the resolution. Only intervals in which
+# a window might hide, a small part of the range, are halved down to it.
 _HALVINGS = 6
 
 
@@ -84,12 +84,12 @@ def critical_amplitude(
 
 
 def make_ratios(ratios: Sequence[float], resolution: float) -> np.ndarray:
-    """Make ratios between two ends, so close that halvings bring them to the resolution."""
+    """Make ratios in a range, so close that halvings bring them to the resolution."""
     if len(ratios) != 2 or not 0 < ratios[0] < ratios[1] < math.inf:
         raise ValueError(f"ratios must be two increasing positive numbers, got {ratios}")
     if not 1e-6 < resolution < 1:
         raise ValueError(f"resolution must be between 1e-6 and 1, got {resolution:g}")
-    # The resolution is a fraction of the value, so that values make a geometric sequence.
+    # The resolution is relative, so that values make a geometric sequence.
     low, high = ratios
     steps = math.log(high / low) / math.log(1 + resolution * 2**_HALVINGS)
     return np.geomspace(low, high, math.ceil(steps) + 1)

@@ -47,7 +47,7 @@ class Search(NamedTuple):
         margin comes near 0.
     drop_unknown : bool
         Whether derivatives that cannot be had are 0 instead of NaN, so that a sum over many
-        boundaries has those of all others.
+        boundaries has the derivatives of all others.
     tolerance : float or None
         Relative width [-] of the bracket around a boundary at which refinement ends. None: to
         rounding.
@@ -69,7 +69,7 @@ class Subject(eqx.Module):
     motion: Pulse | Harmonic | GroundMotions
 
 
-# Motions that have a quantity of their own; all others are of the block and its impacts.
+# Quantities of motions; all others belong to the block and its impacts.
 _MOTIONS: dict[str, type[Motion] | UnionType] = {
     "amplitude": Pulse | Harmonic,
     "duration": Pulse,
@@ -77,11 +77,11 @@ _MOTIONS: dict[str, type[Motion] | UnionType] = {
     "factor": Motion,
 }
 _NAMES = (*_MOTIONS, *SHAPE, *SIDES, "inertia_ratio", "restitution")
-# Where a search may go that an axis of a dataset may not, or the other way round.
+# Domains in which a search differs from an axis of a dataset.
 _DOMAINS = {"amplitude": FINITE, "factor": NON_NEGATIVE}
 
 
-# Of ratios none is printed.
+# Ratios are printed without a unit.
 UNITS = {name: ALL_UNITS[name] for name in _NAMES if ALL_UNITS[name] != "-"}
 
 
@@ -115,7 +115,7 @@ def check_subject(
     check_shapes(block=block, restitution=restitution, motion=single, values=cases)
     check_increasing("values", levels)
     block, restitution, motion, levels = unify_precision((block, restitution, motion, levels))
-    # The samples of records are brought into the form of the batch here, once for all values.
+    # The samples of records are converted to the form of the batch once for all values.
     if isinstance(motion, Record | Suite):
         batch = Batch.of(block, restitution, motion, axes=levels.ndim - 1)
         return Subject(batch.block, batch.restitution, batch.ground), levels
@@ -134,7 +134,7 @@ def split_parameters(subject: Subject) -> tuple[Subject, Subject]:
 
 def set_quantity(subject: Subject, value: AnyArray, search: Search) -> Subject:
     """Give a subject a value of the quantity that the search is along."""
-    # Checked nowhere: `check_subject` has checked all values.
+    # There is no check: `check_subject` has checked all values.
     along = search.along
     if along == "restitution":
         return eqx.tree_at(lambda s: s.restitution, subject, value)

@@ -64,7 +64,7 @@ def check_single(motion: Motion) -> None:
 
 @elementwise(model=as_model)
 def _describe_uplift(block: Block, model: ModelLike) -> tuple[Reals, Reals]:
-    """Compute the acceleration that lifts a block [m/s2], over the one of gravity as well."""
+    """Compute the acceleration that lifts a block [m/s2], and its ratio to gravity."""
     needed = uplift_acceleration(block, as_model(model))
     return needed, needed / block.gravity
 
@@ -73,8 +73,8 @@ def _describe_uplift(block: Block, model: ModelLike) -> tuple[Reals, Reals]:
 def _divide_by_strength(
     needed: Reals, tangent: Reals, motion: Motion, *, one_sided: bool
 ) -> Reals:
-    """Divide the acceleration that lifts by the largest that acts, of one motion."""
-    # A block that is not allowed has NaN, with derivative zero: 1 stands in.
+    """Divide the acceleration that lifts the block by the largest one of a motion."""
+    # For a block that is not allowed, NaN is replaced by 1, so that derivatives are 0.
     valid = ~jnp.isnan(needed)
     needed, tangent = (jnp.where(valid, x, 1) for x in (needed, tangent))
     # Between knots the horizontal acceleration is monotone. Under a record both components are

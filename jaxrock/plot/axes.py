@@ -23,9 +23,9 @@ LIGHT = "#d9b44a"
 NEUTRAL = "#7c7b78"
 LINE = "0.2"
 RATIO = r"rotation ratio $\alpha/\alpha_c$ [-]"
-QUANTILE = 1.96  # of the normal distribution, for 95 %
+QUANTILE = 1.96  # quantile of the normal distribution, for 95 %
 
-# A legend inside of the axes would hide curves: it stands on the right, or in rows above.
+# A legend inside the axes would hide curves: it stands on the right, or in rows above.
 BESIDE: dict[str, Any] = {
     "loc": "center left",
     "bbox_to_anchor": (1, 0.5),
@@ -38,7 +38,7 @@ ABOVE: dict[str, Any] = {
     "fontsize": "small",
 }
 
-# Curves differ without colours, too: by line style first and marker next, since many markers
+# Curves also differ without colours: first by line style, then by marker, since many markers
 # hide a line.
 _STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (9, 3)), (0, (2, 1, 1, 3)))
 _MARKERS = ("", "o", "s", "D", "^", "v", "P", "*", "X")
@@ -50,7 +50,7 @@ CURVES: list[dict[str, Any]] = [
 
 
 def check_result(name: str, value: object, kind: type, source: str) -> None:
-    """Check that what is to be drawn is the result of a function; `source` is its call."""
+    """Check that an argument is the result of a function; `source` is the call."""
     check_kind(name, value, kind, hint=f"; {source} gives one")
 
 
@@ -92,7 +92,7 @@ def add_strip_above(ax: Axes, low: float, high: float) -> Axes:
 
 
 def tick_decades(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
-    """Label an axis, logarithmic by now, at these multiples of the powers of ten, in decimals."""
+    """Label a logarithmic axis at these multiples of powers of ten, as decimals."""
     axis.set_major_locator(LogLocator(subs=steps))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
@@ -101,8 +101,8 @@ def tick_decades(axis: Axis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
 def label_variable(variable: xarray.DataArray) -> str:
     """Write name, symbol and unit of a variable or a coordinate, for an axis or a legend."""
     name = str(variable.name)
-    words = "" if name in QUANTITIES else variable.attrs.get("long_name", "")
-    return write_label(name, words, variable.attrs.get("units"))
+    long_name = "" if name in QUANTITIES else variable.attrs.get("long_name", "")
+    return write_label(name, long_name, variable.attrs.get("units"))
 
 
 def write_amplitude_ratio(symbol: str, model: str) -> str:
@@ -114,7 +114,7 @@ def write_amplitude_ratio(symbol: str, model: str) -> str:
 def set_title(ax: Axes, about: Mapping[str, Any], *facts: str) -> None:
     """Write the title: the block, by the attributes of a dataset, and more facts."""
     size = restitution = ""
-    # For an object selected from many, the attributes have the parameters of all.
+    # For an object selected from many, the attributes hold the parameters of all objects.
     if "slenderness" in about and np.ndim(about["slenderness"]) == 0:
         width = about.get("width", 2 * about.get("half_width", 0.0))
         size = rf"$\lambda$ = {about['slenderness']:.3g}"

@@ -65,7 +65,8 @@ def _draw_durations(fit: FreeRockingFit, ax: Axes) -> None:
     numbers = np.asarray(fit.impact_numbers)
     measured = np.asarray(fit.impact_times)
     computed = measured + np.asarray(fit.time_residuals)
-    # Between an impact and the next but one lie two half-cycles, and neither is known.
+    # Two times with a missing impact in between enclose two half-cycles, neither of them
+    # known.
     whole = np.diff(numbers[used]) == 1
     between = numbers[used][:-1][whole] + 0.5
     ax.plot(between, np.diff(measured[used])[whole], "o", color=INK, label="measured")
@@ -85,7 +86,7 @@ def _draw_durations(fit: FreeRockingFit, ax: Axes) -> None:
 
 def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     """Draw C of each impact over the velocity before it, and the C that was fitted."""
-    # Impacts of which something is known, from the slowest on.
+    # Impacts with a known restitution, from the slowest on.
     known = np.flatnonzero(np.isfinite(fit.restitutions))
     known = known[np.argsort(np.asarray(fit.velocity_ratios)[known])]
     velocities, restitutions, errors = (
@@ -100,8 +101,8 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
     error = float(fit.standard_errors["restitution"])
     name = f"constant: {constant:#.4g}\n$\\pm$ {error:.2g}"
     ax.axhline(constant, color=ACCENT, label=name)
-    # By the errors of single impacts: the error of the constant is the least of all, by far,
-    # and a band as narrow would hide behind the line.
+    # The band shows the errors of single impacts: the error of the constant is much smaller,
+    # and its band would hide behind the line.
     reach = QUANTILE * errors
     name = "95 % of the impacts, if $C$\nis constant (noise alone)"
     band = {"color": NEUTRAL, "alpha": 0.3, "linewidth": 0, "zorder": 0, "label": name}
@@ -111,7 +112,7 @@ def _draw_restitutions(fit: FreeRockingFit, ax: Axes) -> None:
         name = "weighted line"
         line = start + slope * velocities
         ax.plot(velocities, line, color=LINE, linestyle="--", label=name)
-    # Values of C lie close together: matplotlib would print differences to one of them.
+    # Values of C lie close together: matplotlib would print them as offsets from one value.
     ax.ticklabel_format(useOffset=False)
     ax.legend(**BESIDE)
     label_axes(ax, write_label("velocity_ratio"), write_label("restitution"))

@@ -58,11 +58,11 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax = get_axes(ax, figsize=(8.0, 4.5))
     about = dataset.attrs
     levels = dataset.level.values
-    # A step is seen as one where its median is among the levels.
+    # So many points that a step within the levels looks like a step.
     fine = np.geomspace(levels[0], levels[-1], 3000)
     for k, threshold in enumerate(dataset.threshold.values):
         curve = dataset.isel(threshold=k)
-        # Hollow, so that equal probabilities of several thresholds are seen on one another.
+        # Marks are hollow, so that equal probabilities of several thresholds stay visible.
         look: dict[str, Any] = {
             "color": _COLOURS[k % len(_COLOURS)],
             "linestyle": CURVES[k % len(CURVES)]["linestyle"],
@@ -72,14 +72,14 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
         }
         marks: dict[str, Any] = {**look, "linestyle": ""}
         ax.plot(levels, curve.exceedance, **marks)
-        # Without a fit, as where no record exceeds the threshold, there are marks alone.
+        # Without a fit, as when no record exceeds the threshold, there are marks alone.
         if np.isfinite(curve.lognormal_median):
             fit = LognormalFit(
                 float(curve.lognormal_median), float(curve.lognormal_dispersion)
             )
             line: dict[str, Any] = {**look, "marker": ""}
             ax.plot(fine, fit.at(fine), **line)
-        # One entry for mark and line, which the legend would else list one by one.
+        # One entry of the legend for mark and line together.
         ax.plot([], [], label=_name_threshold(threshold), **look)
     # Bands of several thresholds would hide each other.
     last = dataset.isel(threshold=-1)
@@ -95,7 +95,7 @@ def plot_fragility(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
 
 
 def _describe_records(dataset: xarray.Dataset) -> str:
-    """Describe how many records there are; both directions of a record count as one."""
+    """Write the number of records; both directions of a record count as one."""
     directions = dataset.attrs.get("directions", 1)
     records = f"{dataset.record.size // directions} records"
     if directions > 1:

@@ -22,13 +22,13 @@ from .axes import (
     write_amplitude_ratio,
 )
 
-_REGIONS = {  # by colour, in the order of their numbers
+_REGIONS = {  # colours of the regions, in the order of their numbers
     "1.0": "no steady rocking",
     "0.92": "stable",
     "0.76": "not stable: rocks\nin another way",
     "0.55": "not stable: overturns",
 }
-# Peaks span three powers of ten; matplotlib would space contours evenly, all at the top.
+# Peaks span three powers of ten: evenly spaced contours would crowd at the top.
 _LEVELS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5)
 
 
@@ -60,7 +60,7 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """
     check_result("spectrum", spectrum, xarray.Dataset, "harmonic_spectrum(...)")
     ax = get_axes(ax, figsize=(9.0, 4.8))
-    # Contours need rising axes, and the amplitude as the first one.
+    # Contours need rising axes, with the amplitude first.
     axes = ["amplitude_ratio", "frequency_ratio"]
     spectrum = expand_scalars(spectrum, *axes).sortby(axes).transpose(*axes)
     # Amplitudes of 0 have no place on a logarithmic axis.
@@ -73,7 +73,7 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
     up = np.atleast_1d(spectrum.amplitude if sized else spectrum.amplitude_ratio)
     region = spectrum.region.values
     ratio = spectrum.rotation_ratio.values
-    ax.set_yscale("log")  # before curves are labelled, which leaves gaps of the right length
+    ax.set_yscale("log")  # before curves are labelled, so that gaps have the right length
     look = {"cmap": ListedColormap(list(_REGIONS)), "vmin": 0, "vmax": 3, "zorder": 0}
     ax.pcolormesh(_compute_edges(across), np.exp(_compute_edges(np.log(up))), region, **look)
     handles: list[Any] = [
@@ -81,7 +81,7 @@ def plot_harmonic(spectrum: xarray.Dataset, ax: Axes | None = None) -> Axes:
         for number, (colour, label) in enumerate(_REGIONS.items())
         if (region == number).any()
     ]
-    # Contours need two values along each axis, and warn of levels that are nowhere.
+    # Contours need two values along each axis; matplotlib warns of levels out of range.
     if min(ratio.shape) > 1 and np.isfinite(ratio).any():
         inside = [x for x in _LEVELS if np.nanmin(ratio) < x < np.nanmax(ratio)]
         curves = ax.contour(across, up, ratio, levels=inside, colors=INK, linewidths=0.9)

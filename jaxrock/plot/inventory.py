@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from ..risk import describe_place, write_years
 from .axes import ACCENT, INK, LINE, QUANTILE, check_result, label_axes
 
-_MOST = 60  # objects that one picture has at most; more would not be read
-# Decades that an axis has at least, and below the target at most.
+_MOST = 60  # largest number of objects in a picture; more could not be read
+# Decades: least length of the axis, and largest part of it below the target.
 _DECADES = 2
 
 
@@ -64,8 +64,8 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     if "rate_at_low_restitution" in shown and shown.restitution_assumed.any():
         look = {"color": INK, "markerfacecolor": "w", "markersize": 5, "clip_on": False}
         name = "with the low end of an assumed restitution"
-        at_low = shown.rate_at_low_restitution.values.clip(low)
-        ax.plot(at_low, rows, "o", label=name, **look)
+        low_rates = shown.rate_at_low_restitution.values.clip(low)
+        ax.plot(low_rates, rows, "o", label=name, **look)
     name = f"target: once in {write_years(1 / target)} years"
     ax.axvline(target, color=LINE, linestyle="--", linewidth=1, label=name)
     ax.set(xscale="log", xlim=(low, high), ylim=(-0.7, number - 0.3))
@@ -76,7 +76,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     beside = ax.secondary_yaxis("right")
     beside.set_yticks(rows, [_describe_size(shown.isel(object=k)) for k in range(number)])
     beside.tick_params(length=0, colors=LINE)
-    # Years instead of rates for those who think in them.
+    # A second axis shows return periods.
     top = ax.secondary_xaxis("top", functions=(_invert, _invert))
     top.set_xlabel("return period of overturning [yr]")
     top.xaxis.set_major_formatter(lambda value, _: write_years(value))
@@ -87,7 +87,7 @@ def plot_inventory(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
 
 
 def _describe_size(assessed: xarray.Dataset) -> str:
-    """Describe the size of an object and what it needs, beside its row."""
+    """Describe the size of an object and its required size, beside its row."""
     width = float(assessed.width)
     size = f"{width:.2f} \N{MULTIPLICATION SIGN} {float(assessed.height):.2f} m"
     return "; ".join(filter(None, [size, describe_place(assessed), str(assessed.need.values)]))
@@ -95,6 +95,6 @@ def _describe_size(assessed: xarray.Dataset) -> str:
 
 def _invert(value: ArrayLike) -> ArrayLike:
     """Convert rates to return periods, and back."""
-    # Matplotlib asks at 0 as well, where an axis that is not yet logarithmic begins.
+    # Matplotlib also evaluates 0, where an axis begins before it is logarithmic.
     with np.errstate(divide="ignore"):
         return 1 / np.asarray(value, float)

@@ -39,7 +39,7 @@ def plot_outcome_probabilities(
     ax.barh(rows, probabilities.probability, height=0.5, color=LIGHT, label="all samples")
     records = len(probabilities.by_record)
     if records > 1:
-        # Side by side in the width of the bar: many are 0 or 1.
+        # The values stand side by side within the bar, since many are 0 or 1.
         heights = rows + np.linspace(-0.2, 0.2, records)[:, None]
         look: dict[str, Any] = {"color": NEUTRAL, "marker": ".", "linestyle": ""}
         labels = ["under each record", *[None] * (rows.size - 1)]
@@ -103,7 +103,7 @@ def plot_sobol_indices(
                 ax.text(0.01, height, describe_index(*pair), va="center", fontsize="x-small")
     ax.axvline(0, color=LINE, linewidth=0.8)
     ax.set_yticks(rows, [describe_parameter(name) for name in probabilities.sources])
-    # Estimates of an index near 1 have errors that reach beyond it.
+    # The error of an index near 1 may reach beyond 1.
     ax.set_xlim(0.0, max(1.05, ax.get_xlim()[1]))
     ax.legend(**ABOVE, ncols=2)
     return label_axes(ax, f"Sobol index: {answer} [-]", "", grid="x")

@@ -20,7 +20,7 @@ from .axes import (
 )
 
 _MEASURES = {"pgv": "PGV [m/s]", "pga": "PGA [m/s²]"}
-# Behind a number that lies on intervals.
+# Background of a number that lies on intervals.
 _BACKDROP = {"facecolor": "w", "alpha": 0.8, "linewidth": 0, "pad": 1}
 _PREDICTED = "predicted probability of overturning [-]"
 
@@ -47,7 +47,7 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
     check_result("scores", scores, xarray.Dataset, "cross_validate(...)")
     ax = get_axes(ax, figsize=(7.4, 5.0))
     ax.plot([0, 1], [0, 1], "--", color=NEUTRAL, label="as predicted")
-    # Bins into which no prediction fell have nothing to show.
+    # Bins without predictions are left out.
     bins = scores.isel(bin=scores.tests.values > 0)
     observed = bins.observed.values
     interval = f"{scores.attrs.get('confidence', 0.95):.0%} interval"
@@ -61,12 +61,12 @@ def plot_reliability(scores: xarray.Dataset, ax: Axes | None = None) -> Axes:
             "va": "center",
             "fontsize": "small",
         }
-        # By weights it need not be whole.
+        # The weighted number need not be whole.
         ax.annotate(f"{round(float(count), 1):g}", (x, y), (6, 0), bbox=_BACKDROP, **look)
     brier = scores.brier.sel(predictor="blocks").dropna("split")
     deviation = f" $\\pm$ {float(brier.std(ddof=1)):.3f}" if brier.size > 1 else ""
     ax.set_title(f"Brier score {float(brier.mean()):.3f}{deviation}", fontsize="medium")
-    # With room for the last number.
+    # The limits leave room for the last number.
     ax.set(xlim=(-0.03, 1.12), ylim=(-0.03, 1.03), aspect="equal")
     ax.legend(**BESIDE, fontsize="small")
     return label_axes(ax, _PREDICTED, "observed frequency of overturning [-]")
@@ -113,7 +113,7 @@ def plot_outcomes(
         (1, "^", ACCENT, "overturned"),
     ):
         chosen = tests.isel(test=tests.overturned.values == outcome)
-        # Hollow, so that marks are seen on one another.
+        # Marks are hollow, so that all stay visible.
         look = {"linestyle": "", "markersize": 5, "markerfacecolor": "none", "color": colour}
         label = f"{name}, {chosen.test.size}"
         predicted = chosen.probability.sel(predictor="blocks")

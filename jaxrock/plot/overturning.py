@@ -78,7 +78,7 @@ def plot_boundaries(
     overturns = np.append(
         bool(boundaries.overturns_first), np.asarray(boundaries.overturns_beyond)
     )
-    # Outcomes are as they are with a factor, which is the same on a wide scale as on a small.
+    # A factor on the values means the same everywhere: a wide range has a logarithmic axis.
     if ends[0] > 0 and ends[1] / ends[0] > 8:
         ax.set_xscale("log")
         tick_decades(ax.xaxis)
@@ -93,7 +93,7 @@ def plot_boundaries(
         ax.axvline(values[0], **line, label=f"first boundary: {values[0]:.4g}")
     if uplift is not None and np.isfinite(uplift):
         ax.axvline(uplift, **line, linestyle="--", label=f"lifts off from {uplift:.4g}")
-    # So that a line at an end is seen.
+    # The margin keeps a line at the limit visible.
     ax.margins(x=0.02)
     ax.set(ylim=(0, 1), yticks=[])
     ax.legend(**BESIDE, fontsize="small")
@@ -131,7 +131,8 @@ def plot_critical_intensity(
     check_result("block", block, Block, "Block.from_size(width=..., height=...)")
     ax = get_axes(ax, figsize=(6.4, 4.2))
     count = np.arange(1.0, _MOST_HALF_CYCLES + 1)
-    # The models are often too close to be told apart: circles around points.
+    # The models are often too close to distinguish: one has circles around the points of the
+    # other.
     circles = {"marker": "o", "markersize": 8, "markerfacecolor": "none", "linestyle": "none"}
     looks: tuple[tuple[Linearized | Nonlinear, dict[str, Any]], ...] = (
         (Nonlinear(), {"color": INK, "marker": ".", "linewidth": 1.2}),

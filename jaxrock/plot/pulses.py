@@ -26,9 +26,9 @@ from .axes import (
     write_amplitude_ratio,
 )
 
-_POINTS = 600  # of a half-cycle
+_POINTS = 600  # number of points of a half-cycle
 _LAST = 1.2  # rotation ratio up to which a block that overturns is drawn
-_LONGEST = 6.0  # how long a half-cycle is drawn at the end, times p
+_LONGEST = 6.0  # length of the last half-cycle that is drawn, times p
 
 
 def plot_resonance(
@@ -79,11 +79,12 @@ def plot_resonance(
     durations[-1] = np.fmin(durations[-1], longest)  # NaN if it overturns
     starts = np.cumsum(durations)[:, None] - durations
     sides = (1.0 if block.one_sided else -1.0) ** np.arange(count)[:, None]
-    # From launch to launch: of a train at fixed times every error grows from impact to impact.
+    # Each half-cycle is computed from its launch: in a train at fixed times every error would
+    # grow from impact to impact.
     since = durations * np.linspace(0, 1, _POINTS)
     rotation = sides * np.asarray(model.motion(block, launches, since)[0])
     ratio = rotation.ravel() / float(block.critical_angle)
-    # Written so that NaN, which follows an overturning in closed form, is left out as well.
+    # Written so that NaN, which follows overturning in closed form, is left out as well.
     ratio[~(abs(ratio) < _LAST)] = np.nan
     ax = get_axes(ax)
     ax.plot((starts + since).ravel(), ratio, color=INK, linewidth=1.1)
@@ -97,7 +98,7 @@ def plot_resonance(
     ax.legend(loc="lower left", fontsize="small")
 
     peak = float(np.nanmax(abs(ratio)))
-    # With room for the legend at the foot.
+    # The limits leave room for the legend at the foot.
     above = add_strip_above(ax, -1.4 * peak, 1.1 * max(level, peak))
     pulses = float(scene.intensity) * sides.ravel()
     arrows = {"color": ACCENT, "angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.004}
@@ -109,7 +110,7 @@ def plot_resonance(
 
 
 def plot_overturning_map(boundaries: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Draw all boundaries of overturning, and what lies between them.
+    """Draw all boundaries of overturning, and the regions between them.
 
     The map is shaded where the block overturns, and hatched where it survives although a
     weaker pulse overturns it.
@@ -140,10 +141,10 @@ def plot_overturning_map(boundaries: xarray.Dataset, ax: Axes | None = None) -> 
     about = boundaries.attrs
     lowest = about["lowest_amplitude_ratio"]
     highest = about["highest_amplitude_ratio"]
-    # Every column reaches halfway to its neighbours.
+    # Each column reaches halfway to its neighbours.
     widths = np.gradient(ratios) if ratios.size > 1 else 0.1 * ratios
-    # The outcome changes at every boundary: odd numbers overturn. Those that are missing lie at
-    # the highest amplitude, where an area has no height.
+    # The outcome changes at every boundary: the block overturns in areas of odd number. Missing
+    # boundaries are placed at the highest amplitude, where an area has no height.
     levels = np.pad(np.nan_to_num(edges, nan=highest), ((0, 0), (1, 1)))
     levels[:, 0] = lowest
     levels[:, -1] = highest

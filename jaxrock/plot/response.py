@@ -20,7 +20,7 @@ from .axes import (
 )
 
 _LIMIT = 1.4  # rotation ratio up to which the motion over time is drawn
-# Fraction of the upper limit that is left below 0 for a one-sided block.
+# For a one-sided block, the lower limit is this fraction of the upper limit below 0.
 _ROOM_AT_WALL = 0.3
 
 
@@ -68,7 +68,7 @@ def plot_response(
     bottom = -_ROOM_AT_WALL * limit if block.one_sided else -limit
     ax.set_xlim(first, last)
     speeds = np.abs(np.asarray(response.impact_velocities))
-    # Without an impact the largest velocity is 0, by which nothing can be divided.
+    # Without an impact the largest velocity is 0, which cannot be a divisor.
     heights = 0.1 * speeds / max(speeds.max(initial=0), 1e-300)
     foot = {"transform": ax.get_xaxis_transform(), "color": ACCENT, "linewidth": 0.8}
     ax.vlines(response.impact_times, 0, heights, label="impacts (height: velocity)", **foot)
@@ -79,17 +79,18 @@ def plot_response(
         ax.axvline(time, color=LINE, linestyle=":", label="overturning")
 
     above = add_strip_above(ax, bottom, limit)
-    # A vertical component makes the block lighter or heavier, and so easier to lift or harder.
+    # A vertical component changes the weight of the block, and with it the uplift
+    # acceleration.
     weight = 1 + np.asarray(motion.upward(times)) / float(block.gravity)
     lifting = float(uplift_acceleration(block, response.model)) * weight
     above.plot(times, np.asarray(motion.horizontal(times)), color=NEUTRAL, linewidth=0.7)
     levels = [lifting] if block.one_sided else [lifting, -lifting]
     look = {"color": LINE, "linestyle": "-.", "linewidth": 0.8}
     above.plot(times, np.transpose(levels), **look)
-    # The legend is one: it gets an entry for the levels from a line without points.
+    # A line without points gives the levels one entry in the legend.
     ax.plot([], label="lifts the block", **look)
     ax.legend(**ABOVE, ncols=4)
-    # The ground, or a floor: a record does not know.
+    # The motion may be of the ground or of a floor: a record does not tell.
     label_axes(above, "", "base [m/s²]")
     label_axes(ax, "time [s]", RATIO)
     if sensitivity is not None:
@@ -110,14 +111,14 @@ def _draw_sensitivity(ax: Axes, motion: Motion, sensitivity: np.ndarray) -> None
     label_axes(below, "time [s]", "derivative\n[1/(m/s²)]")
     ax.tick_params(labelbottom=False)
     ax.set_xlabel("")
-    # The room for axes outside of others comes from iterations, some of which a drawing makes.
+    # Matplotlib finds the room for axes outside of others iteratively, by drawing.
     ax.figure.figure.draw_without_rendering()
 
 
 def _find_moving_span(response: Response) -> tuple[float, float]:
     """Find the time from shortly before a block moves until it rests, or falls.
 
-    All of the time that was simulated if it never moves.
+    The whole simulated time if it never moves.
     """
     end = float(response.scene.duration)
     times = np.linspace(0, end, 4000)
@@ -126,6 +127,7 @@ def _find_moving_span(response: Response) -> tuple[float, float]:
     if not moving.size:
         return 0.0, end
     first, last = times[moving[[0, -1]]]
-    # A twentieth on either side, and at least one step: a single sample has no length.
+    # A twentieth is added on either side, and at least one step: a single sample has no
+    # length.
     margin = 0.05 * (last - first) + times[1]
     return max(0.0, float(first - margin)), min(end, float(last + margin))

@@ -26,10 +26,10 @@ from .axes import (
     label_variable,
 )
 
-# Without the darkest colours, on which neither lines nor numbers could be read.
-# Of so many colours that no stripes are seen.
+# The darkest colours are left out: neither lines nor numbers could be read on them. The number
+# of colours avoids visible stripes.
 _COLOURS = matplotlib.colormaps["PuOr"].resampled(2**12)(np.linspace(0.15, 0.85, 1021))
-_MANY_TIMES = 4  # values that differ so much are coloured by their logarithms
+_MANY_TIMES = 4  # ratio of values above which logarithms are coloured
 _HATCHED: dict[str, Any] = {"hatch": "////", "edgecolor": "0.7", "facecolor": "w"}
 
 
@@ -80,7 +80,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     ax.axvline(middle, color=LINE, linewidth=0.8)
     ax.set_yticks(rows, _describe_ranges(bars))
     ax.xaxis.set_major_locator(MaxNLocator(6))
-    # Bars would hold the axes to the line.
+    # Otherwise bars would keep the axes at the line without a margin.
     ax.use_sticky_edges = False
     ax.margins(x=0.08)
     ax.set_ylim(-0.5, rows.size - 0.5)
@@ -94,11 +94,11 @@ def _describe_ranges(bars: TornadoBars) -> list[str]:
     texts = []
     for k, name in enumerate(bars.names):
         label = write_label(name, SIZES_IN_WORDS.get(name, ""))
-        ends = " to ".join(
-            f"{end[k]:.4g}" + " (overturns)" * (not np.isfinite(answer[k]))
-            for end, answer in ((bars.low, bars.at_low), (bars.high, bars.at_high))
+        span = " to ".join(
+            f"{limit[k]:.4g}" + " (overturns)" * (not np.isfinite(answer[k]))
+            for limit, answer in ((bars.low, bars.at_low), (bars.high, bars.at_high))
         )
-        texts.append(f"{textwrap.fill(label, 40)}\n{ends}")
+        texts.append(f"{textwrap.fill(label, 40)}\n{span}")
     return texts
 
 
@@ -144,15 +144,15 @@ def plot_sensitivity_map(
     finite = values[np.isfinite(values)]
     colours, scale, levels = _choose_colours(finite, limit)
     grid = (horizontal.values, vertical.values, values)
-    # The mesh leaves cells without a value free, where the ground of the axes shows.
+    # Cells without a value stay empty, and show the background of the axes.
     ax.patch.set(**_HATCHED)
     mesh = ax.pcolormesh(*grid, cmap=ListedColormap(colours), norm=scale, shading="nearest")
-    # Matplotlib warns of a contour that is nowhere.
+    # Matplotlib warns of a contour that is out of range.
     inside = [x for x in levels if (finite < x).any() and (finite > x).any()]
     if inside and min(values.shape) > 1:
         widths = [2.0 if level == 0 else 0.7 for level in inside]
         lines = ax.contour(*grid, levels=inside, colors=LINE, linewidths=widths)
-        # Numbers are read on dark colours as well.
+        # Numbers must be legible on dark colours as well.
         halo = withStroke(linewidth=2, foreground="w")
         for text in ax.clabel(lines, fontsize="small"):
             text.set_path_effects([halo])
@@ -161,10 +161,11 @@ def plot_sensitivity_map(
         ax.legend(handles=[patch], loc="upper right", framealpha=1, fontsize="small")
     beyond = bool((finite < scale.vmin).any()), bool((finite > scale.vmax).any())
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[beyond]
-    # A derivative may bear the name of its answer, whose label would hide the long name.
+    # A derivative may have the name of its answer, and would get the label of the answer.
     has_name = "long_name" in sensitivities.attrs
     text = label_variable(sensitivities.rename(None) if has_name else sensitivities)
-    # Above the map: beside it the label would be taken for the one of the next panel's axis.
+    # The label stands above the map: beside it, it would look like the label of the next
+    # panel.
     bar = ax.figure.colorbar(mesh, ax=ax, extend=extend, label=text, location="top")
     bar.set_ticks(levels, labels=[f"{level:g}" for level in levels])
     bar.ax.minorticks_off()
@@ -176,13 +177,13 @@ def _choose_colours(
     finite: np.ndarray, limit: float | None
 ) -> tuple[np.ndarray, Normalize, list[float]]:
     """Choose colours, their range and levels of contours; the finite values use many colours."""
-    # That signs matter is decided by more than a few values that rounding puts beyond 0.
+    # Values count as of both signs if more than a few lie beyond 0: rounding may move some.
     low, high = np.quantile(finite, (0.02, 0.98)) if finite.size else (0.0, 0.0)
     colours = _COLOURS
     if limit is not None or low <= 0 <= high:
         if limit is None and finite.size:
             middle, most = np.quantile(abs(finite), (0.5, 0.95))
-            # Half of the values must not be as pale as 0.
+            # At most half of the values may look as pale as 0.
             limit = min(most, _MANY_TIMES * middle) or most
         high = limit or 1.0  # all derivatives NaN or 0 make no range of colours
         low = -high
@@ -192,12 +193,13 @@ def _choose_colours(
         low, high = (least, most) if low > 0 else (-most, -least)
         half = _COLOURS.shape[0] // 2
         colours = _COLOURS[half:] if low > 0 else _COLOURS[: half + 1]
-        # Linear below `least`, which is outside of the colours: logarithmic of either sign.
+        # The scale is linear below `least`, outside the range of colours, and logarithmic for
+        # either sign.
         scale = SymLogNorm(least, vmin=low, vmax=high)
         if most > _MANY_TIMES * least:
             sign = np.sign(low)
             levels = sign * LogLocator(subs=(1.0, 3.0)).tick_values(least, most)
             return colours, scale, sorted(x for x in levels.tolist() if low <= x <= high)
     levels = np.asarray(MaxNLocator(9).tick_values(low, high)).tolist()
-    # Beyond the range contours lie too close for numbers.
+    # Beyond the range, contours are too close for numbers.
     return colours, scale, [x for x in levels if low <= x <= high]

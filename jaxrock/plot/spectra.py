@@ -27,7 +27,7 @@ from .axes import (
 )
 
 _Data = TypeVar("_Data", xarray.DataArray, xarray.Dataset)
-_POINTS = 500  # of a curve; more lie closer together than the width of its line
+_POINTS = 500  # points of a curve; more would be closer than the width of its line
 
 
 def plot_curves(
@@ -84,22 +84,22 @@ def plot_curves(
     for y, level, colour, look in zip(
         variable.values, levels, colours, itertools.cycle(CURVES), strict=False
     ):
-        ends = _find_ends(y)
+        is_end = _find_ends(y)
         limit = np.nan if thresholds is None else float(thresholds.sel({hue: level}))
         curve = x, y
-        marks = x[ends], y[ends]
-        if ends.any() and limit > x[ends][-1] and variable.name == "rotation_ratio":
-            # Close to the threshold the ratio lacks of 1 the square root of what the
-            # slenderness lacks of the threshold: the parabola that is drawn here.
+        marks = x[is_end], y[is_end]
+        if is_end.any() and limit > x[is_end][-1] and variable.name == "rotation_ratio":
+            # Close to the threshold, 1 minus the ratio is proportional to the square root of
+            # the threshold minus the slenderness: this parabola is drawn.
             remaining = np.linspace(0, 1, 30)[::-1]
-            k = int(np.flatnonzero(ends)[-1])
+            k = int(np.flatnonzero(is_end)[-1])
             missing = limit - (limit - x[k]) * remaining**2, 1 - (1 - y[k]) * remaining
             curve = np.hstack([(x[: k + 1], y[: k + 1]), missing])
             marks = [limit], [1.0]
         ax.plot(*curve, color=colour, label=f"{level:.4g}", **look)
         if x.size == 1:
             ax.plot(*curve, ".", color=colour)
-        if ends.any():
+        if is_end.any():
             ax.plot(*marks, "x", color=colour)
     if any(line.get_marker() == "x" for line in ax.lines):
         # One entry in the legend for the crosses of all curves.
@@ -107,7 +107,8 @@ def plot_curves(
     fallen = int(variable.isnull().all(along).sum())
     if fallen:
         text = f"{fallen} of {levels.size} overturn throughout"
-        # At the foot, where curves of ratios are rarely: they rise to the right.
+        # The text stands at the foot, where curves of ratios, which rise to the right, are
+        # rare.
         look = {"transform": ax.transAxes, "ha": "right", "fontsize": "small", "color": LINE}
         ax.text(0.98, 0.03, text, **look)
     if x.size > 1:
@@ -119,10 +120,10 @@ def plot_curves(
 
 
 def _find_ends(y: np.ndarray) -> np.ndarray:
-    """Find the values that have none on one side of them: the ends of a curve."""
+    """Find the ends of a curve: values without a neighbour on one side."""
     standing = np.isfinite(y)
-    # What lies beyond the axis counts as a value: a curve that reaches its end has no cross
-    # there.
+    # Points beyond the axis count as values: a curve that reaches the end of the axis has no
+    # cross there.
     return standing & ~(np.append(standing[1:], True) & np.append(True, standing[:-1]))
 
 
@@ -162,14 +163,14 @@ def plot_spectrum(
     check_result("spectrum", spectrum, xarray.Dataset, "resonance_spectrum(...)")
     variable = as_name("variable", variable, map(str, spectrum.data_vars))
     about = spectrum.attrs
-    # Spectra to a tolerance have the model "auto": the threshold of the nonlinear equation is
-    # true.
+    # Spectra to a tolerance have the model "auto": the threshold is that of the nonlinear
+    # equation.
     model = "linearized" if about["model"] == "linearized" else "nonlinear"
 
     def draw(curves: xarray.DataArray, panel: Axes) -> None:
         """Draw the curves of one restitution and intensity."""
         thresholds = None
-        # Closer to the threshold than any grid is the curve of the ratio, which reaches 1.
+        # The curve of a ratio is extended from the grid to the threshold, where it is 1.
         if variable == "rotation_ratio":
             widths = np.atleast_1d(curves.width.values)
             block = Block(widths / 2, 1.0, about["gravity"], about["inertia_ratio"])
@@ -242,17 +243,17 @@ def _draw_panels(
     data, draw : DataArray or Dataset, callable
         Whole spectrum, and the function that draws one panel of it on axes.
     most : dict
-        By the name of a dimension, the largest number of its values that are drawn.
+        Largest number of values that are drawn, by the name of the dimension.
     ax : matplotlib.axes.Axes or None
         In whose place the panels stand.
     """
     shown = []
     for name, number in most.items():
-        there = data.sizes.get(name, 1)
-        if there > number:
-            chosen = np.linspace(0, there - 1, number).round().astype(int)
+        size = data.sizes.get(name, 1)
+        if size > number:
+            chosen = np.linspace(0, size - 1, number).round().astype(int)
             data = data.isel({name: chosen})
-            shown.append(f"{name} {number} of {there:,}")
+            shown.append(f"{name} {number} of {size:,}")
     rows, columns = (data.sizes.get(name, 1) for name in ("intensity", "restitution"))
     # A panel has room for its title, the figure for its legend.
     figure = make_figure(ax, (1.6 + 3.2 * columns, 0.6 + 3.0 * rows))
@@ -262,7 +263,7 @@ def _draw_panels(
         panel.label_outer()
     if shown:
         figure.supxlabel(f"drawn: {', '.join(shown)}", fontsize="small", color=LINE)
-    # One legend, of the panel with the most entries: crosses are not in all of them.
+    # The legend is that of the panel with the most entries: not all panels have crosses.
     entries = [panel.get_legend_handles_labels() for panel in panels.flat]
     title = panels[0, 0].get_legend().get_title().get_text()
     for panel in panels.flat:

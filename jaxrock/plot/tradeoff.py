@@ -36,7 +36,7 @@ def plot_tradeoff(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
     ax = get_axes(ax, figsize=(8.6, 5.4))
     rows = dataset.where(np.isfinite(dataset.error), drop=True).sortby("error")
     rows = rows.isel(setting=np.argsort(rows.level.values, kind="stable"))
-    # Settings that differ in nothing but the dial that is turned make a line.
+    # Settings that differ only in the varied parameter make a line.
     lines: dict[tuple[str, str, float], list[int]] = {}
     for k in range(rows.setting.size):
         row = rows.isel(setting=k)

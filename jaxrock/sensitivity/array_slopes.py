@@ -12,7 +12,7 @@ from jaxtyping import Array, PyTree
 
 from ..validation import check_kind
 
-_CHUNK = 2**14  # points, whose intermediate results fit into the cache of a processor
+_CHUNK = 2**14  # number of points; their intermediate results fit into a cache
 _Tree = TypeVar("_Tree")
 
 
@@ -92,16 +92,16 @@ def _value_and_slopes(
     """Compute values and slopes in one program for each function, form and shape."""
     value = functools.partial(function, **named)
     shape = jax.eval_shape(value, *arguments).shape
-    # An argument that is broadcast has a slope at each point, so it is spread over all points
-    # before. Numbers stay numbers: their slopes get the shape of the values by `vmap`.
+    # An argument that is broadcast has a slope at each point, so it is expanded first. Numbers
+    # stay numbers: `vmap` gives their slopes the shape of the values.
     many, single = eqx.partition(arguments, lambda leaf: jnp.ndim(leaf) > 0)
     many = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape).reshape(-1), many)
 
     def differentiate_at(point: PyTree) -> tuple[Array, PyTree]:
         return jax.value_and_grad(value, argnums)(*eqx.combine(point, single))
 
-    # Only processors take chunks: there the intermediate results of a large array would go to
-    # memory and back, while an accelerator wants all points at once.
+    # Only processors use chunks, since the intermediate results of a large array would leave
+    # the cache. An accelerator needs all points at once.
     size = math.prod(shape)
     result = jax.lax.platform_dependent(
         many,
@@ -114,8 +114,8 @@ def _value_and_slopes(
 def _apply_in_chunks(function: Callable[[PyTree], _Tree], size: int, many: PyTree) -> _Tree:
     """Apply a function of one point to all points, chunk by chunk.
 
-    The last chunk overlaps with the one before it: one of another size would be a second
-    program, and twice as much to compile.
+    The last chunk overlaps with the one before it: a chunk of another size would compile a
+    second program.
     """
     chunk = min(size, _CHUNK)
     points = jax.vmap(function, axis_size=chunk)
@@ -129,7 +129,7 @@ def _apply_in_chunks(function: Callable[[PyTree], _Tree], size: int, many: PyTre
         part = points(jax.tree.map(lambda leaf: slice_of(leaf, start, chunk), many))
         return jax.tree.map(lambda leaf, new: update(leaf, new, start, 0), result, part)
 
-    # Filled in place. The forms come from tracing alone, nothing is computed for them.
+    # The result is filled in place. Its shapes come from tracing, which computes nothing.
     forms = jax.eval_shape(jax.vmap(function, axis_size=size), many)
     empty = jax.tree.map(lambda form: jnp.zeros(form.shape, form.dtype), forms)
     return jax.lax.fori_loop(0, -(-size // chunk), fill_chunk, empty)

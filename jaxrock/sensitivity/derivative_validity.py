@@ -1,4 +1,4 @@
-"""Derivatives of closed forms: how accurate they are, and how far the answer goes on."""
+"""Derivatives of closed forms: their accuracy, and the ranges in which answers are finite."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -8,15 +8,15 @@ import numpy as np
 from .distributions import is_between_0_and_1
 from .parameters import Answer, Parameters, evaluate_answer
 
-# Units of rounding, of each parameter and of the derivative. Against mpmath, 2 and 6 bound the
-# errors of all answers of a scene up to 1e-14 of the overturning threshold, 2 and 9 also those of
-# critical values.
+# Units of rounding, of each parameter and of the derivative. In comparisons with mpmath, 2 and
+# 6 bound the errors of all answers of a scene up to 1e-14 of the overturning threshold; 2 and
+# 9 bound the errors of critical values as well.
 _UNITS_OF_PARAMETER = 2
 _UNITS_OF_DERIVATIVE = 10
-# Distances over the value, of where an end is sought first; later between two of them.
-# A small C is far from its end at 1.
+# Distances over the value, at which a limit is sought first; the search goes on between two of
+# them. They are large for the sake of a small C, whose limit is 1.
 _DISTANCES = np.array([0.0, *2.0 ** np.arange(-5, 3), *2.0 ** np.arange(4, 60, 7)])
-_ROUNDS = 16  # 18^15 is more than all floats of the first interval
+_ROUNDS = 16  # 18^15 exceeds the number of floats in the first interval
 
 
 class ClosedFormDerivatives(NamedTuple):
@@ -39,36 +39,36 @@ class ClosedFormDerivatives(NamedTuple):
 
 
 def differentiate_closed_form(
-    answer: Answer, parameters: Parameters, names: Sequence[str], at: np.ndarray
+    answer: Answer, parameters: Parameters, names: Sequence[str], point: np.ndarray
 ) -> ClosedFormDerivatives:
     """Differentiate an answer at points of shape (..., names)."""
-    value, gradient, hessian = evaluate_answer(answer, parameters, names, at, 2)
+    value, gradient, hessian = evaluate_answer(answer, parameters, names, point, 2)
     # Automatic derivatives are 0 where there is no answer, as if nothing had influence.
     unknown = ~np.isfinite(value)[..., None]
     gradient = np.where(unknown, np.nan, gradient)
     hessian = np.where(unknown[..., None], np.nan, hessian)
-    error = estimate_rounding(names, at, gradient, hessian)
+    error = estimate_rounding(names, point, gradient, hessian)
     ranges = find_finite_ranges(
-        lambda points: evaluate_answer(answer, parameters, names, points)[0], at
+        lambda trials: evaluate_answer(answer, parameters, names, trials)[0], point
     )
     return ClosedFormDerivatives(value, gradient, hessian, error, *ranges)
 
 
 def estimate_rounding(
-    names: Sequence[str], at: np.ndarray, gradient: np.ndarray, hessian: np.ndarray
+    names: Sequence[str], point: np.ndarray, gradient: np.ndarray, hessian: np.ndarray
 ) -> np.ndarray:
     """Estimate the error of the derivatives of a closed form by rounding.
 
     A closed form without cancellation rounds as if its parameters were off by a few units of
     rounding: the error of a derivative is that change times the second derivatives, besides a
     few units of the derivative itself (backward error analysis, Higham 2002, section 1.5,
-    https://doi.org/10.1137/1.9780898718027). This assumes that no close numbers are subtracted
-    on the way but exact ones, and that nothing underflows. It holds for the answers of a `Scene`
+    https://doi.org/10.1137/1.9780898718027). This assumes that close numbers are subtracted
+    only if they are exact, and that nothing underflows. It holds for the answers of a `Scene`
     and for critical values, but not for the motion of a model over time.
 
     Parameters
     ----------
-    names, at : sequence of str, ndarray, shape (..., names)
+    names, point : sequence of str, ndarray, shape (..., names)
         The parameters.
     gradient, hessian : ndarray, shape (..., names), (..., names, names)
         First and second derivatives, in the precision of the computation.
@@ -78,16 +78,17 @@ def estimate_rounding(
     ndarray, shape (..., names)
         Absolute, in the units of the derivatives.
     """
-    # Between 1/2 and 1 the difference to 1 is exact, and only that is rounded further on.
+    # Between 1/2 and 1 the difference to 1 is exact, and only this difference is rounded
+    # later.
     is_fraction = [is_between_0_and_1(name) for name in names]
-    sizes = np.where(is_fraction, np.minimum(at, 1 - at), at)
+    sizes = np.where(is_fraction, np.minimum(point, 1 - point), point)
     changes = np.abs(hessian * sizes[..., None, :]).sum(axis=-1)
     units = _UNITS_OF_PARAMETER * changes + _UNITS_OF_DERIVATIVE * np.abs(gradient)
     return np.finfo(gradient.dtype).eps * units
 
 
 def find_finite_ranges(
-    evaluate: Callable[[np.ndarray], np.ndarray], at: np.ndarray
+    evaluate: Callable[[np.ndarray], np.ndarray], point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find from where to where an answer is finite, along each parameter, the others unchanged.
 
@@ -97,7 +98,7 @@ def find_finite_ranges(
         It computes answers, shape (..., points), of parameters, shape (..., points, names).
         They are not finite beyond the overturning threshold, and outside of a domain, where
         only traced parameters are allowed.
-    at : ndarray, shape (..., names)
+    point : ndarray, shape (..., names)
         Parameters.
 
     Returns
@@ -108,24 +109,24 @@ def find_finite_ranges(
         answers is not seen if it lies between two of the distances tried first: 3 % of the value,
         each twice the one before up to four times the value, and each 100 times beyond.
     """
-    size = np.where(at == 0, 1.0, np.abs(at))[..., None, :, None]
+    size = np.where(point == 0, 1.0, np.abs(point))[..., None, :, None]
     directions = np.array([-1.0, 1.0])[:, None, None]
-    is_varied = np.eye(at.shape[-1], dtype=bool)[:, None]
-    # The last value with a finite answer, one without, and others that are tried.
-    near = at[..., None, :, None] + 0.0 * directions
+    is_varied = np.eye(point.shape[-1], dtype=bool)[:, None]
+    # The last value with a finite answer, one without, and values between them.
+    near = point[..., None, :, None] + 0.0 * directions
     far = near + np.inf * directions
     values = near + size * directions * _DISTANCES
     for _ in range(_ROUNDS):
-        points = np.where(is_varied, values[..., None], at[..., None, None, None, :])
-        is_finite = np.isfinite(evaluate(points))
-        # As many as are finite before the first that is not.
+        trials = np.where(is_varied, values[..., None], point[..., None, None, None, :])
+        is_finite = np.isfinite(evaluate(trials))
+        # The number of finite values before the first that is not finite.
         count = np.cumprod(is_finite, axis=-1).sum(axis=-1, keepdims=True)
         edges = np.concatenate([near, values, far], axis=-1)
         near = np.take_along_axis(edges, count, axis=-1)
         far = np.take_along_axis(edges, count + 1, axis=-1)
         values = near + np.where(np.isinf(far), 0.0, far - near) * np.arange(1, 18) / 18
     # Both are the point itself where it has no finite answer.
-    ends = np.where(np.isinf(far), far, np.where(near == far, np.nan, near))
-    # A positive parameter ends at 0, which is none of its values.
-    ends = np.where(np.abs(ends) < 4 * np.finfo(float).eps * size, 0.0, ends)[..., 0]
-    return ends[..., 0, :], ends[..., 1, :]
+    limits = np.where(np.isinf(far), far, np.where(near == far, np.nan, near))
+    # The lower limit of a positive parameter is 0, which itself is not allowed.
+    limits = np.where(np.abs(limits) < 4 * np.finfo(float).eps * size, 0.0, limits)[..., 0]
+    return limits[..., 0, :], limits[..., 1, :]

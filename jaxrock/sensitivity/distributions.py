@@ -9,8 +9,8 @@ from scipy.special import betaincinv, betaln, digamma, ndtr, ndtri
 
 from ..validation import Number
 
-_BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # how the names of such parameters end
-_BITS = 30  # of a Sobol point, the default of SciPy
+_BETWEEN_0_AND_1 = ("restitution", "damping_ratio")  # endings of the names of such parameters
+_BITS = 30  # bits of a Sobol point, the default of SciPy
 
 
 def is_between_0_and_1(name: str) -> bool:
@@ -27,14 +27,14 @@ def draw_normal_numbers(dimensions: int, samples: int, seed: int) -> np.ndarray:
 
     if not dimensions:
         return np.empty((samples, 0))
-    # SciPy has renamed the argument in version 1.15, and will warn of the old name. From an integer
-    # the older one would draw other points.
+    # SciPy 1.15 renamed the argument, and will warn of the old name. An integer seed would
+    # draw other points in older versions.
     name = "rng" if "rng" in inspect.signature(qmc.Sobol).parameters else "seed"
     options: dict[str, Any] = {name: np.random.default_rng(seed)}
     engine = qmc.Sobol(dimensions, scramble=True, bits=_BITS, **options)
     points = engine.random_base2(samples.bit_length() - 1)
-    # A point stands for its cell: at the middle of it no point is 0, whose normal number would
-    # be infinite.
+    # A point stands for its cell, and is moved to its middle: at 0 the normal number would be
+    # infinite.
     return ndtri(points + 0.5 ** (_BITS + 1))
 
 
@@ -48,18 +48,18 @@ def find_shape(name: str, mean: Number, variation: Number) -> tuple[Any, Any]:
         two peaks, at 0 and at 1.
     """
     mean = np.asarray(mean)
-    wrong = mean[(mean <= 0) | (mean >= 1)]
-    if wrong.size:
+    invalid = mean[(mean <= 0) | (mean >= 1)]
+    if invalid.size:
         raise ValueError(
-            f"{name} must be greater than 0 and less than 1 to be uncertain, got {wrong[0]:g}"
+            f"{name} must be greater than 0 and less than 1 to be uncertain, got {invalid[0]:g}"
         )
     total = (1 - mean) / (mean * np.square(variation)) - 1
     first = mean * total
     second = (1 - mean) * total
-    wrong = np.broadcast_to(variation, mean.shape)[(first < 1) & (second < 1)]
-    if wrong.size:
+    invalid = np.broadcast_to(variation, mean.shape)[(first < 1) & (second < 1)]
+    if invalid.size:
         raise ValueError(
-            f"coefficient of variation of {name} must not be as large as {wrong[0]:g}, with which"
+            f"coefficient of variation of {name} must not be as large as {invalid[0]:g}, with which"
             " the density would have two peaks, at 0 and at 1"
         )
     return first, second
@@ -70,8 +70,8 @@ def compute_quantiles(
 ) -> np.ndarray:
     """Compute samples of a parameter from standard normal numbers; the shapes broadcast.
 
-    A parameter between 0 and 1 has a Beta distribution, of which the value is the mean. Others
-    are lognormal where the value is positive, else normal, with the value as their median.
+    A parameter between 0 and 1 has a Beta distribution, and the value is its mean. Others are
+    lognormal where the value is positive, otherwise normal, and the value is their median.
     """
     value, variation, normal = np.broadcast_arrays(np.asarray(value), variation, normal)
     if is_between_0_and_1(name):
@@ -103,7 +103,7 @@ def expand_quantile(name: str, value: float, variation: float) -> tuple[float, .
         return (value, value * width, value * width**2)
     a, b = find_shape(name, value, variation)
     median = betaincinv(a, b, 0.5)
-    # Equal probabilities: the slope is the normal density over the one of the parameter.
+    # By equal probabilities, the slope is the ratio of the normal density to the Beta density.
     log_density = (a - 1) * np.log(median) + (b - 1) * np.log1p(-median) - betaln(a, b)
     slope = (2 * np.pi) ** -0.5 * np.exp(-log_density)
     return (median, slope, slope**2 * ((b - 1) / (1 - median) - (a - 1) / median))
@@ -114,25 +114,26 @@ def compute_scores(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute derivatives of the log-density at samples, each of shape (samples,).
 
-    With respect to the logarithm of the value, and to the coefficient of variation. The
-    derivative of a mean is the mean of the product of an answer and these scores, however rough
-    the answer is: only the density is differentiated (Rubinstein 1986; Glynn 1990,
-    doi:10.1145/84537.84552).
+    The derivatives are with respect to the logarithm of the value, and to the coefficient of
+    variation. The derivative of a mean is the mean of the product of an answer and these
+    scores, however rough the answer is: only the density is differentiated (Rubinstein 1986;
+    Glynn 1990, doi:10.1145/84537.84552).
     """
     if is_between_0_and_1(name):
         a, b = find_shape(name, value, variation)
-        by_a = np.log(samples) - digamma(a) + digamma(a + b)
-        # A sample may be so close to 1 that it is rounded to 1.
-        by_b = np.log(np.maximum(1 - samples, 2**-54)) - digamma(b) + digamma(a + b)
-        # Both exponents are parts of their sum, (1 - mean) / (mean variation^2) - 1.
-        by_sum = value * by_a + (1 - value) * by_b
-        by_mean = (a + b) * (by_a - by_b) - by_sum / (value * variation) ** 2
-        return value * by_mean, -2 * (1 - value) / (value * variation**3) * by_sum
+        score_a = np.log(samples) - digamma(a) + digamma(a + b)
+        # A sample close to 1 may be rounded to 1.
+        score_b = np.log(np.maximum(1 - samples, 2**-54)) - digamma(b) + digamma(a + b)
+        # The exponents are the fractions mean and 1 - mean of their sum, which is (1 - mean) /
+        # (mean variation^2) - 1.
+        score_sum = value * score_a + (1 - value) * score_b
+        score_mean = (a + b) * (score_a - score_b) - score_sum / (value * variation) ** 2
+        return value * score_mean, -2 * (1 - value) / (value * variation**3) * score_sum
     if value > 0:
         width = np.log1p(variation**2) ** 0.5
         normal = np.log(samples / value) / width
-        by_width = (normal**2 - 1) / width
-        return normal / width, by_width * variation / (width * (1 + variation**2))
+        width_score = (normal**2 - 1) / width
+        return normal / width, width_score * variation / (width * (1 + variation**2))
     normal = (samples - value) / (variation * abs(value))
-    by_width = (normal**2 - 1) / variation
-    return variation * by_width - normal / variation, by_width
+    width_score = (normal**2 - 1) / variation
+    return variation * width_score - normal / variation, width_score

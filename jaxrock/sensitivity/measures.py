@@ -113,13 +113,12 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     parameters = name_single_parameters(answer, at, None, "", by="sides" if sides else "shape")
     names = parameters.names
     x = parameters.get_values(names)
-    found = differentiate_closed_form(answer, parameters, names, x)
-    # An answer of 0, such as one below uplift, has no elasticity: NaN or inf, without a
-    # warning.
+    result = differentiate_closed_form(answer, parameters, names, x)
+    # An answer of 0, as below uplift, has no elasticity: NaN or inf, without a warning.
     with np.errstate(divide="ignore", invalid="ignore"):
-        elasticity = found.gradient * x.astype(found.gradient.dtype) / found.value
+        elasticity = result.gradient * x.astype(result.gradient.dtype) / result.value
     return Sensitivities(
-        names, x, elasticity=elasticity, **found._replace(value=float(found.value))._asdict()
+        names, x, elasticity=elasticity, **result._replace(value=float(result.value))._asdict()
     )
 
 
@@ -176,10 +175,10 @@ class TornadoBars(Shown):
     @property
     def reason_without_bars(self) -> str:
         """Why there are no bars, in a sentence; empty where there are some."""
-        ends = np.concatenate([self.at_low, self.at_high])
-        if not np.isfinite([self.value, *ends]).any():
+        answers = np.concatenate([self.at_low, self.at_high])
+        if not np.isfinite([self.value, *answers]).any():
             return "has no value: the block overturns, also at both ends of every range"
-        if (ends == self.value).all():
+        if (answers == self.value).all():
             return f"is {self.value:.6g}, also at both ends of every range"
         return ""
 
@@ -233,7 +232,7 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     points = list_ends(parameters.get_values(ranges), ranges)
     (values,) = evaluate_answer(answer, parameters, tuple(ranges), points)
     limits = find_finite_ranges(
-        lambda at: evaluate_answer(answer, parameters, tuple(ranges), at)[0], points[0]
+        lambda trials: evaluate_answer(answer, parameters, tuple(ranges), trials)[0], points[0]
     )
     return arrange_bars(values, ranges, limits)
 
@@ -244,18 +243,20 @@ def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     Raises
     ------
     ValueError
-        If there is no range, or one is not a low and a high value around that of the point.
+        If there is no range, or a range is not a low and a high value around the value of the
+        point.
     """
     if not ranges:
         raise ValueError("ranges must not be empty: they name the parameters to vary")
-    # One batch for one program.
+    # All points are one batch for one program.
     points = np.tile(point, (1 + 2 * len(ranges), 1))
-    for k, (name, ends) in enumerate(ranges.items()):
-        if np.shape(as_real(f"ranges of {name}", ends)) != (2,):
-            raise ValueError(f"ranges of {name} must be two numbers, got {describe(ends)}")
-        # A value in float32, or computed from others, is hardly the number that was typed.
+    for k, (name, limits) in enumerate(ranges.items()):
+        if np.shape(as_real(f"ranges of {name}", limits)) != (2,):
+            raise ValueError(f"ranges of {name} must be two numbers, got {describe(limits)}")
+        # A value in float32, or computed from other values, may differ by rounding from the
+        # number that was typed.
         rounding = 1e-6 * abs(point[k])
-        low, high = ends
+        low, high = limits
         if not low - rounding <= point[k] <= high + rounding:
             raise ValueError(
                 f"ranges of {name} must be a low and a high value around {point[k]:g}, got"
@@ -269,14 +270,14 @@ def list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
 def arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> TornadoBars:
     """Arrange answers at the points of `list_ends` as bars, the widest first.
 
-    `limits` are from where and to where the answer goes on along each parameter.
+    `limits` are the limits of finite answers along each parameter.
     """
-    ends = np.asarray(list(ranges.values()), float)
+    bounds = np.asarray(list(ranges.values()), float)
     answers = values[1:].reshape(-1, 2)
     # An end at which the block overturns has no answer: such a bar is the widest of all.
-    # Stable, so that equal bars keep the order in which they were asked for.
+    # The sort is stable, so that equal bars keep the order in which they were asked for.
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
-    columns = np.vstack([ends.T, answers.T, np.broadcast_to(limits, (2, width.size))])
+    columns = np.vstack([bounds.T, answers.T, np.broadcast_to(limits, (2, width.size))])
     return TornadoBars(names, *columns[:, order], value=float(values[0]))

@@ -11,8 +11,8 @@ from .distributions import draw_normal_numbers, expand_quantile, map_normal_numb
 from .parameters import Answer, evaluate_answer, name_single_parameters
 from .uncertain import ARGUMENT, Uncertain, list_single_coefficients
 
-# Largest errors of mean and standard deviation, over the standard deviation, with which an
-# estimate counts as within tolerance.
+# Largest errors of mean and standard deviation, over the standard deviation, of an estimate
+# within tolerance.
 _ALLOWED = 0.1
 
 
@@ -97,8 +97,8 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     normal = draw_normal_numbers(len(names), uncertain.samples, uncertain.seed)
     points = map_normal_numbers(names, uncertain.correlate(normal), values, variations)
     (answers,) = evaluate_answer(answer, parameters, names, points)
-    # By the chain rule: from derivatives with respect to parameters to those with respect to
-    # normal numbers, first correlated and then independent ones.
+    # The chain rule turns derivatives with respect to parameters into derivatives with respect
+    # to normal numbers, first correlated and then independent.
     expansion = [*map(expand_quantile, names, values, variations)]
     middle, first, second = np.reshape(expansion, (-1, 3)).T
     value, gradient, hessian = evaluate_answer(answer, parameters, names, middle, 2)
@@ -125,40 +125,40 @@ def _estimate_moments(
     first_variance = float((gradient**2).sum())
     mean = float(value + 0.5 * np.trace(hessian))
     deviation = (first_variance + 0.5 * float((hessian**2).sum())) ** 0.5
-    # One sample without an answer, and the moments that are asked for do not exist.
+    # If one sample has no answer, the moments do not exist.
     finite = np.isfinite(answers)
     errors = (np.inf, np.inf)
     if finite.all() and np.isfinite(mean + deviation):
         quadratic = value + z @ gradient + 0.5 * np.einsum("ni,ij,nj->n", z, hessian, z)
         errors = _estimate_errors(quadratic, answers - quadratic, mean, deviation)
     fractions = gradient**2 / (first_variance or 1.0)
-    by_name = dict(zip(names, fractions.tolist(), strict=True)) if names else {}
+    portions = dict(zip(names, fractions.tolist(), strict=True)) if names else {}
     moments = (float(value), first_variance**0.5, mean, deviation)
-    left_out = 1 - finite.mean()
-    return MomentEstimate(*moments, by_name, max(errors) <= _ALLOWED, *errors, float(left_out))
+    left_out = float(1 - finite.mean())
+    return MomentEstimate(*moments, portions, max(errors) <= _ALLOWED, *errors, left_out)
 
 
 def _estimate_errors(
     quadratic: np.ndarray, remainder: np.ndarray, mean: float, deviation: float
 ) -> tuple[float, float]:
-    """Estimate the errors of both moments by what the quadratic leaves, over the deviation.
+    """Estimate the errors of both moments, over the deviation, by samples of the remainder.
 
-    Each error is the difference that the samples show, plus two standard errors of it.
+    Each error is the difference in the samples, plus two standard errors of this difference.
     """
-    # Standard errors are those of independent samples. The points of a Sobol sequence have
-    # less noise than these, so that the error is rather overestimated.
+    # Standard errors hold for independent samples. Sobol points have less noise, so that the
+    # error is overestimated rather than underestimated.
     noise = 2 / len(remainder) ** 0.5
     # Only the remainder is sampled (a control variate): the moments of the quadratic are
-    # exact, and where the remainder is small so is its noise. The answer's variance is the
-    # quadratic's plus the mean of this.
+    # exact, and the noise is as small as the remainder. The variance of the answer is that of
+    # the quadratic plus the mean of `added`.
     added = (2 * (quadratic - mean) + remainder) * remainder - remainder.mean() ** 2
     corrected = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
-    of_mean = float(abs(remainder.mean()) + noise * remainder.std())
-    of_deviation = abs(corrected - deviation)
-    of_deviation += float(noise * added.std() / (corrected + deviation or 1.0))
+    mean_error = float(abs(remainder.mean()) + noise * remainder.std())
+    deviation_error = abs(corrected - deviation)
+    deviation_error += float(noise * added.std() / (corrected + deviation or 1.0))
     if deviation > 0:
-        return of_mean / deviation, of_deviation / deviation
-    # Nothing is uncertain, so that only rounding is allowed, 64 units of it.
+        return mean_error / deviation, deviation_error / deviation
+    # Nothing is uncertain: only rounding is allowed, 64 units.
     rounding = 64 * float(np.finfo(remainder.dtype).eps) * abs(mean)
-    error = 0.0 if max(of_mean, of_deviation) <= rounding else np.inf
+    error = 0.0 if max(mean_error, deviation_error) <= rounding else np.inf
     return error, error

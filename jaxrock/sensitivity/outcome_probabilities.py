@@ -22,12 +22,12 @@ from .outcome_statistics import compute_derivatives, compute_interval, compute_s
 from .parameters import describe_parameter, name_parameters
 from .uncertain import ARGUMENT, Uncertain, list_single_coefficients
 
-# Derivatives of probabilities, and what they are the change for.
+# Derivatives of probabilities, and the changes of a parameter that they belong to.
 _CHANGES = {
     "by_median": "median +1 %",
     "by_coefficient_of_variation": "coefficient of variation +0.01",
 }
-# An outcome has indices and derivatives if at least so many samples have it, and have it not.
+# Smallest number of samples with an outcome, and without it, for indices and derivatives.
 _FEWEST = 20
 _LARGEST_ERROR = 0.25  # of an index that is given
 
@@ -183,7 +183,7 @@ def describe_index(value: float, error: float) -> str:
 
 
 def _write_change(value: float, error: float) -> str:
-    """Write the change of a probability for a hundredth more; nothing where noise hides it."""
+    """Write the change of a probability for a hundredth more; nothing if noise hides it."""
     if not error < abs(value):
         return "" if math.isnan(error) else "within noise"
     return f"{0.01 * value:+.4f} +- {0.01 * error:.4f}"
@@ -269,8 +269,8 @@ def outcome_probabilities(
             f" {len(names)} and {len(uncertain.correlated_pairs)} of them: Sobol indices are those"
             " of independent parameters"
         )
-    at = gather_parameters(block, restitution, motion)
-    parameters = name_parameters(at, names, ARGUMENT)
+    point = gather_parameters(block, restitution, motion)
+    parameters = name_parameters(point, names, ARGUMENT)
     values = parameters.get_values(names)
     samples = uncertain.samples
     normal = _draw_mixed_samples(len(names), samples, uncertain.seed)
@@ -283,41 +283,39 @@ def outcome_probabilities(
         answers = _simulate_samples(parameters.build(drawn), motion, as_model(model), ratio)
     answers = np.moveaxis(answers.reshape(*answers.shape[:2], -1, samples), 2, 0)
     outcomes = answers[0, 1:]
-    # Errors estimated from a few samples are none; the peak always has many values.
+    # Errors estimated from a few samples are meaningless. The peak always has many values.
     happens = outcomes.sum(axis=(1, 2))
     clear = np.minimum(happens, outcomes[0].size - happens) >= _FEWEST
     blank = np.where(clear, 1.0, np.nan)[:, None]
     indices = compute_sobol_indices(answers[0], answers[1], answers[2:])
     blanks = np.concatenate([[[1.0]], blank])
     statistics = {name: part * blanks for name, part in indices._asdict().items()}
-    # The directions of a record count as one record, by their mean.
+    # Both directions of a record count as one record, by their mean.
     directions = motion.directions if isinstance(motion, Suite) else 1
-    by_recording = [np.asarray(average_directions(part, directions)) for part in outcomes]
+    recordings = [np.asarray(average_directions(part, directions)) for part in outcomes]
     inputs = {name: part[:samples] for name, part in drawn.items()}
     scores = [*map(compute_scores, names, inputs.values(), values, variations)]
     for kind, score in zip(_CHANGES, zip(*scores, strict=True), strict=True):
         columns = np.stack(score, axis=1)
-        pairs = np.stack(
-            [compute_derivatives(outcome, columns) for outcome in by_recording], 1
-        )
+        pairs = np.stack([compute_derivatives(outcome, columns) for outcome in recordings], 1)
         statistics[kind], statistics[f"{kind}_error"] = pairs * blank
-    by_record = outcomes.mean(axis=2).T
+    record_probabilities = outcomes.mean(axis=2).T
     intervals = [
-        compute_interval(outcome.mean(axis=1), samples, confidence) for outcome in by_recording
+        compute_interval(outcome.mean(axis=1), samples, confidence) for outcome in recordings
     ]
     low, high = np.array(intervals).T
-    words = ("rocks", f"exceeds {float(ratio):g}", "overturns")
+    labels = ("rocks", f"exceeds {float(ratio):g}", "overturns")
     return OutcomeProbabilities(
-        outcomes=words,
-        probability=by_record.mean(axis=0),
+        outcomes=labels,
+        probability=record_probabilities.mean(axis=0),
         low=low,
         high=high,
-        by_record=by_record,
+        by_record=record_probabilities,
         names=names,
         median=values,
         coefficient_of_variation=variations,
-        answers=("peak", *words),
-        sources=(*names, "record") if len(by_record) > 1 else names,
+        answers=("peak", *labels),
+        sources=(*names, "record") if len(record_probabilities) > 1 else names,
         inputs=inputs,
         peak=answers[0, 0],
         confidence=float(confidence),
@@ -336,16 +334,17 @@ def _draw_mixed_samples(count: int, samples: int, seed: int) -> np.ndarray:
 
 
 def _simulate_samples(
-    at: Mapping[str, Any], motion: Motion | Suite, model: RockingModel, ratio: float
+    point: Mapping[str, Any], motion: Motion | Suite, model: RockingModel, ratio: float
 ) -> np.ndarray:
     """Simulate all samples; peak and outcomes, shape (answers, records, samples)."""
-    # Drawn in float64, simulated in the precision that JAX has been set to.
-    blocks = jax.device_put(at["block"])
+    # Samples are drawn in float64, and simulated in the precision of JAX.
+    blocks = jax.device_put(point["block"])
     critical_angle = np.asarray(blocks.critical_angle)
-    restitution, factor = (as_real(name, at[name]) for name in ("restitution", "factor"))
+    restitution, factor = (as_real(name, point[name]) for name in ("restitution", "factor"))
     answers = []
-    # One by one: the samples fill the queue, and all records together need not fit into memory.
-    for part in list(motion) if isinstance(motion, Suite) else [change_motion(motion, at)]:
+    # Records are simulated one by one: the samples fill the queue, and all records together
+    # need not fit into memory.
+    for part in list(motion) if isinstance(motion, Suite) else [change_motion(motion, point)]:
         batch = Batch.of(blocks, restitution, part).scaled(np.asarray(factor))
         response = follow_batch(replace(batch, until=batch.until + BEYOND), model)
         require_complete(response.complete, sample=None)

@@ -23,7 +23,7 @@ from ..block import (
 )
 from ..validation import AnyArray, Number, as_real, check_concrete, check_kind
 
-Answer = Callable[..., Number]  # of a pytree of numbers
+Answer = Callable[..., Number]  # a function of a pytree of numbers
 
 
 class Parameters(eqx.Module):
@@ -83,9 +83,9 @@ def name_parameters(
     plain = _name_leaves(_describe_blocks(at, "shape"))
     if names is not None:
         paths = [name.rpartition(".") for name in names]
-        # A number of the pytree may be called a width as well.
-        own = [path[2] for path in paths if "".join(path) not in plain or path[2] in SHAPE]
-        by = choose_description(own, argument)
+        # A number of the pytree itself may be called width, too.
+        sizes = [path[2] for path in paths if "".join(path) not in plain or path[2] in SHAPE]
+        by = choose_description(sizes, argument)
     described = _describe_blocks(at, by)
     known = _name_leaves(described)
     values, form = jax.tree.flatten(described)
@@ -110,7 +110,7 @@ def _describe_blocks(at: PyTree, by: SizeDescription) -> PyTree:
 
 
 def _name_leaves(tree: PyTree) -> tuple[str, ...]:
-    """Name the leaves, shortly where that is unique: "restitution" instead of its path."""
+    """Name the leaves, by their last step where it is unique: "restitution", not its path."""
     paths = [path for path, _ in jax.tree.leaves_with_path(tree)]
     short = [keystr(path[-1:], simple=True) or "value" for path in paths]
     return tuple(
@@ -183,8 +183,8 @@ def evaluate_answer(
     list of ndarray, shape (...), (..., names), (..., names, names)
     """
     flat = points.reshape(-1, len(names))
-    parts = _evaluate(answer, parameters, tuple(names), flat, order)
-    return [np.asarray(part).reshape(points.shape[:-1] + part.shape[1:]) for part in parts]
+    results = _evaluate(answer, parameters, tuple(names), flat, order)
+    return [np.asarray(part).reshape(points.shape[:-1] + part.shape[1:]) for part in results]
 
 
 @eqx.filter_jit
@@ -204,8 +204,8 @@ def _evaluate(
             raise ValueError(f"answer must be one number, got an array of shape {value.shape}")
         return value
 
-    # Forward mode: the parameters are few, and some answers, such as those of a search, are
-    # differentiated in forward mode only.
+    # Forward mode is used, since parameters are few, and some answers, such as the results of
+    # a search, have no other derivatives.
     gradient = jax.jacfwd(compute)
     functions = (compute, gradient, jax.jacfwd(gradient))[: order + 1]
 
@@ -213,6 +213,6 @@ def _evaluate(
 
 
 def describe_parameter(name: str) -> str:
-    """Write a parameter in words, a size with what stays as it is where it is changed."""
-    words = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
-    return words.get(name, name.replace("_", " "))
+    """Write a parameter in words, a size with the size that stays fixed."""
+    phrases = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
+    return phrases.get(name, name.replace("_", " "))

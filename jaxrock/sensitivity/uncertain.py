@@ -22,14 +22,14 @@ from ..validation import (
 from .distributions import compute_quantiles, draw_normal_numbers
 from .parameters import name_parameters, refuse_name
 
-# Two names, in the order in which the coefficients of variation have them.
+# Two names, in the order of the coefficients of variation.
 Pair = tuple[str, str]
 
 # Eigenvalues of a singular matrix and pivots of its factor are 0 to rounding.
 _ROUNDING_OF_EIGENVALUES = 1e-12
 _ROUNDING_OF_PIVOTS = 1e-14
 
-ARGUMENT = "coefficients_of_variation"  # of `Uncertain`, for messages
+ARGUMENT = "coefficients_of_variation"  # argument of `Uncertain`, for messages
 # Factors on the periods and dampings of all modes of a floor.
 FLOOR_NAMES = ("floor_period", "floor_damping")
 
@@ -121,7 +121,8 @@ class Uncertain(Printed, eqx.Module):
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
-    # Of numbers alone, so that this is immutable, and equal to another one of the same values.
+    # Tuples of plain numbers: an `Uncertain` is immutable, and equals another of the same
+    # values.
     coefficients: tuple[float | tuple[float, ...], ...] = eqx.field(static=True)
     correlated_pairs: tuple[tuple[Pair, float], ...] = eqx.field(static=True)
     samples: int = eqx.field(static=True)
@@ -140,7 +141,7 @@ class Uncertain(Printed, eqx.Module):
             _check_coefficient(name, value)
             for name, value in coefficients_of_variation.items()
         )
-        # The points are balanced in powers of 2 only, and their errors of order 1 / n there.
+        # Only powers of 2 points are balanced, with errors of order 1 / n.
         if type(samples) is not int or samples < 1 or samples & (samples - 1):
             raise ValueError(f"samples must be a power of 2, got {samples!r:.60}")
         if type(seed) is not int or seed < 0:
@@ -234,9 +235,9 @@ class Uncertain(Printed, eqx.Module):
                 f"{ARGUMENT} has {floor_names[0]!r}, but the suite is on no floor whose period and"
                 " damping are known; Suite.on_floor puts it on one"
             )
-        at = {"block": block, "restitution": read_restitution(block, restitution)}
-        at |= dict.fromkeys(FLOOR_NAMES if floor_names else (), 1.0)
-        parameters = name_parameters(at, self.names, ARGUMENT)
+        arguments = {"block": block, "restitution": read_restitution(block, restitution)}
+        arguments |= dict.fromkeys(FLOOR_NAMES if floor_names else (), 1.0)
+        parameters = name_parameters(arguments, self.names, ARGUMENT)
         shape = np.broadcast_shapes(*(np.shape(value) for value in parameters.values))
         if len(shape) > 1 or shape == (0,):
             raise ValueError(
@@ -282,7 +283,7 @@ def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[flo
         raise ValueError(f"{ARGUMENT} must have names as keys, got {describe(name)}")
     subject = f"{ARGUMENT} of {name}"
     check(subject, as_real(subject, value), NON_NEGATIVE)
-    # In float64, also where JAX computes in float32.
+    # Values stay in float64 even if JAX computes in float32.
     values = np.asarray(value, float)
     if values.ndim > 1 or not values.size:
         raise ValueError(
@@ -302,8 +303,9 @@ def _check_correlations(
     Raises
     ------
     ValueError
-        If a pair is not one of two different names, or there in both orders; if a correlation
-        is not a number between -1 and 1; if no numbers are correlated like this.
+        If a pair does not consist of two different names, or is given in both orders; if a
+        correlation is not a number between -1 and 1; if the matrix is not positive
+        semi-definite.
     """
     check_kind("correlations", correlations, Mapping)
     coefficients = dict[Pair, float]()
@@ -355,15 +357,15 @@ def _factor_correlations(
     Returns
     -------
     ndarray, shape (names, names)
-        Lower triangular. Its product with independent standard normal numbers are standard
-        normal numbers with these correlations; the row of a name that is correlated with none
-        before it has a 1 on the diagonal and nothing else.
+        Lower triangular. Its product with independent standard normal numbers gives standard
+        normal numbers with these correlations. The row of a name that is not correlated with
+        any name before it has a 1 on the diagonal, and is 0 otherwise.
     """
     matrix = _make_matrix(correlations, names)
     factor = np.zeros_like(matrix)
     for k in range(len(names)):
         remainder = matrix[k:, k] - factor[k:, :k] @ factor[k, :k]
-        # A number that those before it decide has no part of its own.
+        # A variable that the ones before it determine has no independent part.
         if remainder[0] > _ROUNDING_OF_PIVOTS:
             factor[k:, k] = remainder / remainder[0] ** 0.5
     return factor

@@ -1,4 +1,4 @@
-"""What spectra have in common: axes, variables, blocks and their restitutions."""
+"""Shared parts of spectra: axes, variables, blocks and their restitutions."""
 
 from collections.abc import Sequence
 
@@ -33,7 +33,7 @@ def estimate_restitution(block: Block) -> np.ndarray | np.floating:
 
 def take_magnitudes(restitution: Values) -> np.ndarray:
     """Take the magnitudes of restitutions of one-sided blocks, along an axis of a spectrum."""
-    # Raises for anything but allowed numbers, which axes of magnitudes would not know.
+    # This raises for numbers that are not allowed: an axis of magnitudes has lost their signs.
     check("restitution", as_real("restitution", restitution, unit=""), ONE_SIDED_RESTITUTION)
     return np.abs(np.asarray(restitution, dtype=float))
 
@@ -41,7 +41,7 @@ def take_magnitudes(restitution: Values) -> np.ndarray:
 def describe_blocks(
     model: str, gravity: float, inertia_ratio: float, one_sided: bool
 ) -> tuple[Block, dict[str, str | float]]:
-    """Make a block of some size, which axes replace, and the attributes of all of them."""
+    """Make a block whose size the axes replace, and the attributes that all blocks share."""
     block = Block(1.0, 1.0, gravity, inertia_ratio, one_sided=one_sided)
     numbers = {"gravity": float(gravity), "inertia_ratio": float(inertia_ratio)}
     side = {"one_sided": 1} if one_sided else {}
@@ -56,7 +56,7 @@ def make_unit_block(
 ) -> tuple[SharedBlock, dict[str, str | float]]:
     """Make a block of some size with its restitution, and the attributes that describe it.
 
-    Ratios to the scales of the block do not depend on its size, so that any size serves.
+    Ratios to the scales of a block do not depend on its size: any size serves.
     """
     check_concrete((slenderness, restitution, inertia_ratio), "a spectrum is a dataset")
     block = Block(0.2, slenderness, inertia_ratio=inertia_ratio, one_sided=one_sided)

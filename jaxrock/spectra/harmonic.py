@@ -34,16 +34,16 @@ from .blocks import SharedBlock, VariableTable, make_axes, make_unit_block, make
 if TYPE_CHECKING:
     import xarray
 
-_LARGEST = 2**12  # points of a spectrum that are computed at once
-_TILE = 2**6  # points whose orbits go through a program at once
-# Of the programs for orbits only one runs at a time: in JAX 0.10 the threads of several wait
+_LARGEST = 2**12  # number of points that are computed at once
+_TILE = 2**6  # number of orbits in a program
+# Only one program for orbits runs at a time: in JAX 0.10 the threads of several programs wait
 # for each other.
 _turns = threading.Lock()
-# Relative change of the launch velocity, by which a block leaves an orbit that is not stable.
-# Small enough to be near the orbit, and far above rounding, which would need many periods to
-# grow to a motion of another kind.
+# Relative change of the launch velocity at which a block starts to leave an unstable orbit. It
+# is small enough to start near the orbit, and far above rounding, which would take many
+# periods to grow.
 _DISTURBANCE = 1e-3
-_MAX_LINES = 5  # frequencies that are printed
+_MAX_LINES = 5  # number of frequencies that are printed
 
 _AXES = {  # long names
     "frequency_ratio": "frequency of the floor over p",
@@ -146,7 +146,7 @@ def harmonic_spectrum(
         _LARGEST,
         shared=shared,
     ).build_dataset(chunks)
-    # The axes are called after pulses, which these names have in other spectra.
+    # In other spectra these axes describe pulses, and so do their default long names.
     for name, long_name in _AXES.items():
         spectrum[name].attrs["long_name"] = long_name
     return spectrum
@@ -162,17 +162,17 @@ def add_size(spectrum: "xarray.Dataset", block: Block) -> "xarray.Dataset":
     ).assign_attrs(**numbers, uplift_amplitude=uplift)
     for name, units in (("frequency", "Hz"), ("amplitude", "m s-2")):
         sized[name].attrs = describe_axis(name) | {"units": units}
-        # The CF conventions allow none for coordinates, of which no value is missing.
+        # The CF conventions allow no fill value for coordinates, which have no missing values.
         sized[name].encoding["_FillValue"] = None
     return sized
 
 
 def _compute_floors(
-    cycles: int, model: RockingModel, shared: SharedBlock, *parts: np.ndarray
+    cycles: int, model: RockingModel, shared: SharedBlock, *coordinates: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Compute orbits and regions over a part of the plane."""
     block, restitution = shared
-    shape, (ratios, strengths) = list_points(*parts)
+    shape, (ratios, strengths) = list_points(*coordinates)
     amplitude = strengths * float(uplift_acceleration(block, model))
     frequency = ratios * float(block.frequency_parameter)
 
@@ -182,23 +182,23 @@ def _compute_floors(
             return jax.block_until_ready(orbit)
 
     orbit = apply_in_tiles(compute_tile, _TILE, np.stack([amplitude, frequency]))
-    # A velocity, though it is 0: with one the program compiled for launched blocks serves.
+    # A velocity is given, although it is 0: so the program for launched blocks serves as well.
     motion = Harmonic(amplitude, frequency, cycles)
-    from_rest = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
-    peak_from_rest = np.asarray(follow_batch(from_rest, model).peak_rotation)
+    resting = Batch.of(block, restitution, motion, velocity=np.zeros_like(amplitude))
+    peak_from_rest = np.asarray(follow_batch(resting, model).peak_rotation)
     # 0 where no orbit is unstable, and NaN where the integration did not finish.
     peak_near_orbit = np.zeros_like(peak_from_rest)
     unstable = np.flatnonzero(np.asarray(orbit.exists) & ~np.asarray(orbit.stable))
     if unstable.size:
         motion = Harmonic(amplitude[unstable], frequency[unstable], cycles)
         launch = (1 + _DISTURBANCE) * np.asarray(orbit.launch_velocity)[unstable]
-        # Launched at its phase of the first period.
+        # The block is launched at its phase of the first period.
         phase = np.mod(np.asarray(orbit.phase)[unstable], 2 * np.pi)
         batch = Batch.of(block, restitution, motion, velocity=launch)
         launched = batch.advance(phase / np.asarray(motion.frequency))
         peak_near_orbit[unstable] = follow_batch(launched, model).peak_rotation
     known = ~np.isnan(peak_near_orbit + peak_from_rest)
-    labels = dict(zip(_AXES, map(np.atleast_1d, parts), strict=True))
+    labels = dict(zip(_AXES, map(np.atleast_1d, coordinates), strict=True))
     require_complete(known.reshape([values.size for values in labels.values()]), **labels)
     region = np.asarray(orbit.stable, np.int8)
     region[unstable] = 2
@@ -216,8 +216,8 @@ def _compute_floors(
 
 def _flag_toppled(peak: np.ndarray) -> np.ndarray:
     """Flag blocks that have fallen by 1, others by 0."""
-    # By rotation and not by energy: the floor goes on moving, so that it does not count what
-    # the block would do on a floor at rest.
+    # The rotation decides and not the energy: the floor goes on moving, so that the motion on
+    # a floor at rest does not matter.
     return (peak >= np.asarray(TOPPLED_ROTATION, peak.dtype)).astype(np.int8)
 
 
@@ -253,7 +253,7 @@ def tabulate_regions(dataset: "xarray.Dataset") -> dict[str, object]:
 
 
 def describe_regions(dataset: "xarray.Dataset") -> str:
-    """Write what `tabulate_regions` lists, of a few of the frequencies.
+    """Write the table of `tabulate_regions` at a few of the frequencies.
 
     Parameters
     ----------

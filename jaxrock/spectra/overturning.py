@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     import xarray
 
 _TITLE = "Overturning map"
-_LARGEST = 2**8  # frequencies of a grid whose boundaries are searched at once
-_LISTED = 16  # boundaries at each frequency
+_LARGEST = 2**8  # number of frequencies whose boundaries are searched at once
+_LISTED = 16  # largest number of boundaries at each frequency
 # Type, long name and unit.
 _ALONG_BOUNDARIES: VariableTable = {
     "amplitude_ratio": (float, "amplitude of the pulse over uplift amplitude", "1"),
@@ -114,7 +114,7 @@ def overturning_map(  # noqa: PLR0913
         compute = functools.partial(_simulate_pulses, kind, model)
         grid = Grid(_TITLE, axes, variables, about, compute, LARGEST, shared=shared)
         return grid.build_dataset(chunks)
-    make_ratios(ratios, resolution)  # raises here, before any work, for what is not allowed
+    make_ratios(ratios, resolution)  # raises before any work if they are not allowed
     low, high = map(float, ratios)
     about |= {"lowest_amplitude_ratio": low, "highest_amplitude_ratio": high}
     dataset = Grid(
@@ -135,14 +135,14 @@ def overturning_map(  # noqa: PLR0913
 
 
 def _simulate_pulses(
-    kind: type[Pulse], model: RockingModel, shared: SharedBlock, *parts: np.ndarray
+    kind: type[Pulse], model: RockingModel, shared: SharedBlock, *coordinates: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Simulate the block under the pulses of a part of the plane."""
     block, restitution = shared
-    _, (ratios, strengths) = list_points(*parts)
+    _, (ratios, strengths) = list_points(*coordinates)
     amplitude = strengths * float(uplift_acceleration(block, model))
     pulses = kind(amplitude, kind.angle / (ratios * float(block.frequency_parameter)))
-    labels: Any = dict(zip(("frequency_ratio", "amplitude_ratio"), parts, strict=True))
+    labels: Any = dict(zip(("frequency_ratio", "amplitude_ratio"), coordinates, strict=True))
     return compute_responses(Batch.of(block, restitution, pulses), model, None, labels)
 
 
@@ -158,15 +158,15 @@ def _search_boundaries(
     block, restitution = shared
     duration = kind.angle / (frequency_ratio * float(block.frequency_parameter))
     options = {"resolution": resolution, "model": model}
-    found = critical_amplitude(block, restitution, kind, duration, ratios, **options)
-    complete = np.atleast_1d(found.complete)
+    boundaries = critical_amplitude(block, restitution, kind, duration, ratios, **options)
+    complete = np.atleast_1d(boundaries.complete)
     require_complete(complete, frequency_ratio=np.atleast_1d(frequency_ratio))
-    strength = np.asarray(found.value) / float(uplift_acceleration(block, model))
-    answers = {name: np.asarray(getattr(found, name)) for name in _OF_ALL}
+    strength = np.asarray(boundaries.value) / float(uplift_acceleration(block, model))
+    answers = {name: np.asarray(getattr(boundaries, name)) for name in _OF_ALL}
     for name, values, missing in (
         ("amplitude_ratio", strength, math.nan),
-        ("overturns_beyond", found.overturns_beyond, 0),
-        ("impacts", found.impacts, -1),
+        ("overturns_beyond", boundaries.overturns_beyond, 0),
+        ("impacts", boundaries.impacts, -1),
     ):
         listed = np.asarray(values)[..., :_LISTED]
         room = [(0, 0)] * frequency_ratio.ndim + [(0, _LISTED - listed.shape[-1])]

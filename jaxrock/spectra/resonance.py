@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     import xarray
 
 _AXES = ("slenderness", "width", "restitution", "intensity")
-# Points that go through a program at once. On one processor a tile is so small that its cache
-# holds what passes from one loop of the program to the next. Several processors share each
-# loop, so that a tile can be larger. Programs of both sizes round alike, which a test
-# compares: the bits of a spectrum must not depend on the number of processors.
+# Number of points in a program. On one processor a tile is so small that the cache holds all
+# intermediate results. Several processors share each loop, so that a tile can be larger.
+# Programs of both sizes round alike, as a test shows: a spectrum must not depend on the number
+# of processors.
 _TILES = (2**12, 2**15)
-_LARGEST = 2**20  # points of a grid at once, for which there is memory
+_LARGEST = 2**20  # number of points of a grid that fit into memory at once
 
 _VARIABLES = {  # long name and unit
     "rotation_ratio": ("stabilized peak rotation over critical angle", "1"),
@@ -39,7 +39,7 @@ _VARIABLES = {  # long name and unit
     "overturning_half_cycle": ("first half-cycle that overturns, inf if none does", "1"),
     "critical_intensity": ("intensity of unlimited pulses that just overturn", "m s-1"),
 }
-_MODEL = {  # attributes of the variable that says which model a point is computed with
+_MODEL = {  # attributes of the variable with the model of each point
     "long_name": "model used at this point",
     "flag_values": np.array([0, 1], np.int8),
     "flag_meanings": "linearized nonlinear",
@@ -122,7 +122,7 @@ def resonance_spectrum(  # noqa: PLR0913
     dtype = jnp.result_type(float)
     table: Any = {name: (dtype, *described) for name, described in _VARIABLES.items()}
     variables = make_variables(_AXES, table)
-    # The critical intensity is itself a value along the axis of intensities.
+    # The critical intensity does not depend on the axis of intensities.
     critical = variables["critical_intensity"]
     variables["critical_intensity"] = critical._replace(dims=_AXES[:3])
     if single is None:
@@ -158,18 +158,18 @@ def _critical_intensity(scene: Scene, model: RockingModel) -> Array:
 
 
 def _compute_part(
-    model: RockingModel | None, tolerance: float, block: Block, *parts: np.ndarray
+    model: RockingModel | None, tolerance: float, block: Block, *coordinates: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Compute all variables over a part of a grid, by a model or the cheapest at each point."""
-    shape, points = list_points(*parts)
+    shape, points = list_points(*coordinates)
     if model is not None:
         answers = _compute_at_points(_compute_scene, points, block, model)
     else:
         answers = _compute_by_cheapest(points, block, tolerance)
     answers = {name: values.reshape(shape) for name, values in answers.items()}
-    # The critical intensity is the same along the axis of intensities: the first point stands
-    # for all of them.
-    if parts[-1].ndim:
+    # The critical intensity is the same along the axis of intensities: the first point is
+    # kept.
+    if coordinates[-1].ndim:
         answers["critical_intensity"] = answers["critical_intensity"][..., 0]
     return answers
 
@@ -177,7 +177,7 @@ def _compute_part(
 def _compute_by_cheapest(
     points: np.ndarray, block: Block, tolerance: float
 ) -> dict[str, np.ndarray]:
-    """Compute all variables at points, each by the cheapest model, and say by which."""
+    """Compute all variables at points, each by the cheapest model, with that model's number."""
     linear = _compute_at_points(is_linearized_enough, points, block, tolerance)
     answers = {name: np.empty(linear.shape, jnp.result_type(float)) for name in _VARIABLES}
     for model, mask in ((Linearized(), linear), (Nonlinear(), ~linear)):
@@ -185,8 +185,8 @@ def _compute_by_cheapest(
             values = _compute_at_points(_compute_scene, points[:, mask], block, model)
             for name, part in values.items():
                 answers[name][mask] = part
-    # The critical intensity is one number for all intensities of the axis, even if the
-    # other variables come from one model at some of them and from the other at the rest.
+    # The critical intensity is one number for all intensities of the axis, even if the other
+    # variables come from both models along it.
     exact = _compute_at_points(_critical_intensity, points, block, Nonlinear())
     return answers | {"critical_intensity": exact, "model": ~linear}
 
@@ -200,19 +200,19 @@ def _compute_at_points(
     """Apply a function of a scene and an argument at points of shape (axes, n), in NumPy."""
     devices = jax.local_devices()
     # On processors threads share the tiles; with accelerators one thread feeds each device.
-    on_processor = devices[0].platform == "cpu"
-    workers = max(count_processors() * on_processor, len(devices))
+    is_cpu = devices[0].platform == "cpu"
+    workers = max(count_processors() * is_cpu, len(devices))
 
     def compute_tile(number: int, tile: np.ndarray) -> PyTree:
         given = (tile, block, argument)
         if len(devices) > 1:
-            # Each tile by the program for one device: partitioned over
-            # several it would be another program, which could round differently.
+            # Each tile runs in the program for one device: a program partitioned over several
+            # devices could round differently.
             given = jax.device_put(given, devices[number % len(devices)])
         return _apply_to_scenes(*given, function=function)
 
     values = np.asarray(points, jnp.result_type(float))
-    tile = _TILES[count_processors() > 1] if on_processor else _LARGEST
+    tile = _TILES[count_processors() > 1] if is_cpu else _LARGEST
     return apply_in_tiles(compute_tile, tile, values, workers)
 
 

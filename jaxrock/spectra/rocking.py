@@ -27,7 +27,7 @@ from .blocks import (
 if TYPE_CHECKING:
     import xarray
 
-LARGEST = 2**14  # blocks of a spectrum that are simulated at once
+LARGEST = 2**14  # number of blocks that are simulated at once
 # Type, long name and unit.
 RESPONSES: VariableTable = {
     "rotation_ratio": (float, "peak rotation over critical angle", "1"),
@@ -148,16 +148,16 @@ def _simulate_part(
     model: RockingModel,
     tolerance: float | None,
     shared: tuple[Block, Motion | Suite],
-    *parts: np.ndarray,
+    *coordinates: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Simulate blocks over a part of a grid, the values along whose axes are the parts."""
+    """Simulate blocks over a part of a grid with these coordinates along its axes."""
     block, motion = shared
-    labels: dict[str, Any] = dict(zip(names, parts, strict=True))
-    axes: Sequence[np.ndarray] = parts
+    labels: dict[str, Any] = dict(zip(names, coordinates, strict=True))
+    axes: Sequence[np.ndarray] = coordinates
     if isinstance(motion, Suite):
-        # A chunk has neighbouring records, of some perhaps one direction only. A slice of a
-        # suite in both directions would refuse that: hence a plain suite.
-        records, *axes = parts
+        # A chunk has neighbouring records, perhaps in one direction only. A slice of a suite
+        # in both directions refuses that, so that a plain suite is made.
+        records, *axes = coordinates
         chosen = slice(records[0], records[-1] + 1)
         motion = Suite(motion.records[chosen], motion.names[chosen])
         labels["record"] = motion.names
@@ -174,7 +174,7 @@ def _simulate_part(
     c = at.get("restitution")
     if c is None:
         c = apply_padded(estimate_restitution, blocks)
-    # A suite wants a factor for each of its records, here the same for all.
+    # A suite needs a factor for each record, here the same for all.
     if "factor" in at:
         records = (len(motion),) if isinstance(motion, Suite) else ()
         motion = motion.scaled(np.broadcast_to(at["factor"], (*records, at["factor"].size)))
@@ -188,7 +188,7 @@ def compute_responses(
     tolerance: float | None,
     labels: Mapping[str, Any],
 ) -> dict[str, np.ndarray]:
-    """Compute the variables of responses over a part of a grid, whose axes have labels."""
+    """Compute the variables of responses over a part of a grid with labelled axes."""
     if tolerance is None:
         response = estimate = follow_batch(batch, model)
     else:
@@ -197,10 +197,10 @@ def compute_responses(
     sizes = {name: np.size(along) for name, along in labels.items()}
     complete = np.reshape(response.complete, [*sizes.values()])
     require_complete(complete, **{name: np.atleast_1d(labels[name]) for name in sizes})
-    # One value for blocks of one shape, else one for each point.
+    # There is one angle for blocks of one shape, otherwise one for each point.
     angles = apply_padded(lambda block: block.critical_angle, batch.block)
     ratio = np.asarray(response.peak_rotation) / angles
-    # The estimate has what it says of itself, and the response within it all else.
+    # The estimate has the tolerance and the error, the response all other variables.
     values = {"rotation_ratio": ratio, **vars(estimate), **vars(response)}
     shape = [sizes[name] for name, along in labels.items() if np.ndim(along)]
     names = RESPONSES if tolerance is None else RESPONSES | _ESTIMATES

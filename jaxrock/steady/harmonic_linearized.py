@@ -6,7 +6,8 @@ block stands. In a half period, of the duration T = pi / w,
     rotation'' = rotation - 1 + beta sin(w time + phase)
 
 from 0 to 0, and the block lands 1 / C times as fast as it took off. With k = beta / (1 + w^2),
-t = tanh(T / 2), and m half of the landing velocity these are two linear equations,
+t = tanh(T / 2), and m half of the landing velocity the steady motion satisfies two linear
+equations,
 
     k sin(phase) = t (1 - C) m,    k w cos(phase) = t - (1 + C) m,
 
@@ -14,7 +15,7 @@ and their squares are a quadratic equation for m. Its larger root belongs to the
 can be stable; on the lower branch a multiplier exceeds 1. The roots meet at beta_min.
 
 The derivative of the map from one launch to the next, in time and velocity, has the
-determinant C^2. Its trace says the rest of stability.
+determinant C^2. Determinant and trace decide stability.
 """
 
 import math
@@ -33,7 +34,7 @@ from ..validation import POSITIVE, UNIT_INTERVAL, Booleans, Number, Reals, eleme
 class HarmonicScene(eqx.Module):
     """One block on a harmonic floor, in units of 1 / p and alpha_c."""
 
-    equation: Equation  # with p = 1
+    equation: Equation  # equation with p = 1
     restitution: Reals  # C
     frequency: Reals  # w = omega / p
     amplitude: Reals  # beta, the acceleration of the floor over g alpha_c
@@ -50,7 +51,7 @@ class HarmonicScene(eqx.Module):
         return self.equation.acceleration(angle * rotation, angle * push, lift) / angle
 
 
-# From a fraction of the half period, 0 to 1, to rotation, velocity and acceleration there.
+# Maps a fraction of the half period, 0 to 1, to rotation, velocity and acceleration.
 Path = Callable[[Reals], tuple[Reals, ...]]
 
 
@@ -70,7 +71,8 @@ def solve_linearized(scene: HarmonicScene) -> SteadyMotion:
     c = scene.restitution
     w = scene.frequency
     t, loss, squares = _compute_coefficients(c, w)
-    # `exists` at one side of beta_min, so that the root has no NaN in its derivative.
+    # A motion exists on one side of beta_min only; the mask keeps NaN out of the derivative of
+    # the root.
     strength = scene.amplitude / (1 + w**2)
     least = t**2 * loss / jnp.sqrt(squares)
     exists = strength > least
@@ -78,14 +80,14 @@ def solve_linearized(scene: HarmonicScene) -> SteadyMotion:
     root = jnp.sqrt(squares * above)
     m = (t * (1 + c) + w * root) / squares
     sine = t * loss * m
-    # k w cos(phase) = t - (1 + C) m with the solution for m put in: the difference cancels.
+    # k w cos(phase) = t - (1 + C) m with m substituted, since the difference would cancel.
     cosine = (t**3 * w * loss**2 - (1 + c) * root) / squares
     length = scene.half_period
     whole = jnp.expm1(-length)
 
     def path(fraction: Reals) -> tuple[Reals, ...]:
-        # Exponentials of negative numbers, less 1: no overflow for a slow floor, and no
-        # cancellation in `free` at both ends, where it is 0.
+        # Exponentials of negative numbers minus 1: they do not overflow for a slow floor, and
+        # `free` does not cancel at both ends, where it is 0.
         gone = jnp.expm1(-fraction * length)
         left = jnp.expm1((fraction - 1) * length)
         odd = -jnp.cos(math.pi * fraction)
@@ -100,12 +102,12 @@ def solve_linearized(scene: HarmonicScene) -> SteadyMotion:
         push = (1 + w**2) * (cosine * even - sine * odd)
         return rotation, velocity, rotation - 1 + push
 
-    from_parts, from_landing = _compute_trace_terms(c, w)
+    constant_term, reciprocal_term = _compute_trace_terms(c, w)
     return SteadyMotion(
         landing=2 * m,
         sine=(1 + w**2) * sine,
         cosine=(1 + w**2) * cosine,
-        trace=from_landing / m - from_parts,
+        trace=reciprocal_term / m - constant_term,
         exists=exists,
         path=path,
     )
@@ -125,12 +127,12 @@ def _compute_coefficients(c: Reals, w: Reals) -> tuple[Reals, Reals, Reals]:
 
 
 def _compute_trace_terms(c: Reals, w: Reals) -> tuple[Reals, Reals]:
-    """Compute two terms of the trace, which is the second one over m, less the first one."""
+    """Compute two terms of the trace: the second one divided by m, minus the first one."""
     length = math.pi / w
-    # cosh(T) - 1, which would cancel for a fast floor.
+    # cosh(T) - 1 without the cancellation for a fast floor.
     rise = 2 * jnp.sinh(0.5 * length) ** 2
-    from_parts = 2 * c * (1 + rise) + 0.5 * rise * (1 + w**2) * (1 - c) ** 2
-    return from_parts, 0.5 * (1 + c) * jnp.sinh(length)
+    constant_term = 2 * c * (1 + rise) + 0.5 * rise * (1 + w**2) * (1 - c) ** 2
+    return constant_term, 0.5 * (1 + c) * jnp.sinh(length)
 
 
 def require_two_sides(arguments: dict[str, Any]) -> None:
@@ -211,9 +213,9 @@ def symmetry_breaking_amplitude(block: Block, restitution: Number, frequency: Nu
     c = jnp.asarray(restitution)
     w = jnp.divide(frequency, block.frequency_parameter)
     t, loss, _ = _compute_coefficients(c, w)
-    # A multiplier is -1 where 1 + trace + C^2 = 0. That is linear in 1 / m, and with m both
-    # equations for the phase give k.
-    from_parts, from_landing = _compute_trace_terms(c, w)
-    m = from_landing / (from_parts - (1 + c**2))
+    # A multiplier is -1 where 1 + trace + C^2 = 0. This equation is linear in 1 / m; with m
+    # the equations for the phase give k.
+    constant_term, reciprocal_term = _compute_trace_terms(c, w)
+    m = reciprocal_term / (constant_term - (1 + c**2))
     strength = jnp.sqrt((t * loss * m) ** 2 + ((t - (1 + c) * m) / w) ** 2)
     return block.gravity * block.critical_angle * (1 + w**2) * strength

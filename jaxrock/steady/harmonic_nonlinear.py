@@ -1,14 +1,15 @@
 """Steady rocking of the nonlinear block on a harmonic floor, by collocation.
 
 The unknowns are the angular acceleration at nodes in the half period, from which the rotation
-follows by integrating a polynomial twice, and beta sin(phase) and beta cos(phase). The
-equation of motion at the nodes, the impact law and the given beta decide on them. As a
-boundary value problem this is well conditioned however unstable the motion is. Between two
-impacts the motion is smooth, so that the polynomial converges to rounding.
+follows by integrating a polynomial twice, and beta sin(phase) and beta cos(phase). They follow
+from the equation of motion at the nodes, the impact law and the given beta. This boundary
+value problem is well conditioned however unstable the motion is. Between two impacts the
+motion is smooth, so that the polynomial converges to rounding.
 
-Newton's method starts at the linearized motion under a floor that is strong enough, and from
-there goes down to the given one. There beta^2 is a nearly parabolic function of the landing
-velocity, so that it arrives without overshooting wherever the upper branch goes as far down.
+Newton's method starts at the linearized motion under a floor that is strong enough, and goes
+down to the given floor. On the way beta^2 is a nearly parabolic function of the landing
+velocity, so that the method converges without overshooting if the upper branch reaches the
+given floor.
 """
 
 import functools
@@ -23,12 +24,13 @@ from numpy.polynomial import chebyshev
 from ..validation import Booleans, Integers, Reals
 from .harmonic_linearized import HarmonicScene, SteadyMotion, least_amplitude, solve_linearized
 
-# Nodes: the polynomial resolves motions on floors faster than about 0.3 p.
+# Number of nodes; the polynomial resolves motions on floors faster than about 0.3 p.
 _NODES = 36
-# Newton's steps, at most.
+# Largest number of Newton's steps.
 _ITERATIONS = 60
-# The search starts at a floor of so many times the least amplitude, and so much beyond it over
-# g alpha_c: well above the fold, where the linearized motion is close to the nonlinear one.
+# The search starts at this multiple of the least amplitude, plus this amplitude over g
+# alpha_c. The start is well above the fold, where the linearized motion is close to the
+# nonlinear one.
 _START_TIMES = 1.5
 _START_BEYOND = 0.2
 
@@ -36,7 +38,7 @@ _START_BEYOND = 0.2
 class _Collocation(NamedTuple):
     """Linear maps of a polynomial given by its values at the nodes, on the interval -1 to 1.
 
-    Its double integral is 0 at both ends, as the rotation is at impacts.
+    Its double integral is 0 at both ends, like the rotation at impacts.
     """
 
     elapsed: Reals  # time since launch at the nodes, in half intervals
@@ -44,8 +46,8 @@ class _Collocation(NamedTuple):
     cosine: Reals
     series: Reals  # Chebyshev coefficients of double integral, integral and polynomial
     between: Reals  # the double integral at the nodes
-    first_slope: Reals  # its slope at the first end
-    last_slope: Reals  # and at the last
+    first_slope: Reals  # slope of the double integral at the first end
+    last_slope: Reals  # the same at the last end
 
 
 @functools.cache
@@ -53,26 +55,26 @@ def _make_collocation() -> dict[str, np.ndarray]:
     """Make the linear maps by their names, in NumPy and in double precision."""
     # Chebyshev nodes, which cluster at the ends: interpolation there converges geometrically.
     nodes = -np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-    # By orders of the polynomial, up to those of its double integral.
+    # A column for each order of the polynomial, a row for each order of its double integral.
     orders = np.eye(_NODES + 2)[:, :_NODES]
     twice, once = (chebyshev.chebint(orders, m, lbnd=-1)[: _NODES + 2] for m in (2, 1))
-    # Less the line that leads to the value at the last end: half of that value times 1 + x.
+    # Subtract the line from 0 to the value at the last end: half of this value times 1 + x.
     half_end = 0.5 * twice.sum(axis=0)
     twice[:2] -= half_end
     once[0] -= half_end
-    from_nodes = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
-    series = np.stack([twice, once, orders]) @ from_nodes
-    at_nodes, at_ends = (
+    interpolation = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
+    series = np.stack([twice, once, orders]) @ interpolation
+    node_values, end_values = (
         chebyshev.chebvander(points, _NODES + 1) for points in (nodes, [-1.0, 1.0])
     )
-    first_slope, last_slope = at_ends @ series[1]
+    first_slope, last_slope = end_values @ series[1]
     phase = 0.5 * np.pi * (1 + nodes)
     return dict(
         elapsed=1 + nodes,
         sine=np.sin(phase),
         cosine=np.cos(phase),
         series=series,
-        between=at_nodes @ series[0],
+        between=node_values @ series[0],
         first_slope=first_slope,
         last_slope=last_slope,
     )
@@ -85,7 +87,7 @@ def _cast_collocation(dtype: np.dtype) -> _Collocation:
 
 
 def _multiply_precisely(matrix: Reals, values: Reals) -> Reals:
-    """Multiply in full precision, which accelerators do not by themselves."""
+    """Multiply in full precision, which is not the default of accelerators."""
     return jnp.matmul(matrix, values, precision=jax.lax.Precision.HIGHEST)
 
 
@@ -101,28 +103,28 @@ def _compute_residuals(
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]
     sine, cosine = unknowns[-2:]
-    to_rotation = half**2 * maps.between
-    to_impact = half * (maps.first_slope + scene.restitution * maps.last_slope)
-    needed, (by_rotation, by_push) = _compute_node_accelerations(scene, unknowns)
-    law = _multiply_precisely(to_impact, acceleration)
+    rotation_map = half**2 * maps.between
+    impact_row = half * (maps.first_slope + scene.restitution * maps.last_slope)
+    needed, (rotation_slope, push_slope) = _compute_node_accelerations(scene, unknowns)
+    law = _multiply_precisely(impact_row, acceleration)
     strength = sine**2 + cosine**2 - amplitude**2
     identity = jnp.eye(needed.size, dtype=needed.dtype)
-    to_push = jnp.stack([maps.cosine, maps.sine], axis=1)
+    push_map = jnp.stack([maps.cosine, maps.sine], axis=1)
     jacobian = [
-        [identity - by_rotation[:, None] * to_rotation, -by_push[:, None] * to_push],
-        [to_impact[None], jnp.zeros_like(unknowns[None, -2:])],
+        [identity - rotation_slope[:, None] * rotation_map, -push_slope[:, None] * push_map],
+        [impact_row[None], jnp.zeros_like(unknowns[None, -2:])],
         [jnp.zeros_like(needed[None]), 2 * unknowns[None, -2:]],
     ]
     return jnp.hstack([acceleration - needed, law, strength]), jnp.block(jacobian)
 
 
 def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
-    """Compute the acceleration at the nodes, and its derivatives by rotation and push."""
+    """Compute the acceleration at the nodes, and its derivatives over rotation and push."""
     maps = _cast_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
     rotation = half**2 * _multiply_precisely(maps.between, unknowns[:-2])
     push = unknowns[-2] * maps.cosine + unknowns[-1] * maps.sine
-    # Elementwise, so that each derivative is a diagonal.
+    # The function is elementwise, so that each derivative is a diagonal.
     directions = jnp.broadcast_to(jnp.eye(2, dtype=push.dtype)[..., None], (2, 2, push.size))
     return jax.vmap(
         lambda *direction: jax.jvp(scene.acceleration, (rotation, push), direction),
@@ -141,7 +143,7 @@ class _Newton(NamedTuple):
 
 
 def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
-    """Find the unknowns by Newton's method, or 1 where there is no motion; tell which."""
+    """Find the unknowns by Newton's method, and whether they exist; 1 if not."""
     # State of the search   | What is known                     | What happens next
     # ----------------------|-----------------------------------|------------------------------
     # stronger floor        | the linearized motion under it    | Newton's steps for that floor
@@ -154,7 +156,7 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
     maps = _cast_collocation(scene.amplitude.dtype)
     dtype = scene.amplitude.dtype
     first = _START_TIMES * least_amplitude(scene.restitution, scene.frequency) + _START_BEYOND
-    # A stocky block takes more, in proportion to what lifts it.
+    # A stocky block needs more, in proportion to its uplift acceleration.
     first = first * scene.equation.tangent / scene.equation.critical_angle
     first = jnp.maximum(scene.amplitude, first)
     # A floor at rest has no phase, which the equations would need.
@@ -162,7 +164,7 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
     begin = solve_linearized(eqx.tree_at(lambda s: s.amplitude, scene, first))
     fractions = 0.5 * maps.elapsed
     unknowns = jnp.append(begin.path(fractions)[2], jnp.stack([begin.sine, begin.cosine]))
-    # Newton's method squares the error: after a step of this size it is rounding.
+    # Newton's method squares the error: after a step of this size the error is rounding.
     tolerance = 0.1 * float(jnp.finfo(dtype).eps) ** 0.5
     # Right-hand side for the derivative of the unknowns with respect to beta^2.
     last = jnp.zeros_like(unknowns).at[-1].set(1)
@@ -171,11 +173,11 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
         residual, jacobian = _compute_residuals(scene, state.amplitude, state.unknowns)
         change, slope = jnp.linalg.solve(jacobian, jnp.stack([residual, last], axis=1)).T
         unknowns = state.unknowns - change
-        # On the upper branch a stronger floor means a faster landing. Where that is no longer
-        # so, the step has passed the fold and would go on to the other branch.
+        # On the upper branch a stronger floor means a faster landing. If it does not, the step
+        # has passed the fold and would go on to the other branch.
         rising = _multiply_precisely(maps.last_slope, slope[:-2]) < 0
         sound = rising & jnp.isfinite(unknowns).all()
-        # Accelerations and beta are compared with themselves only: beta may be small.
+        # Accelerations and beta are tested separately: beta may be small.
         small = [
             jnp.abs(change[part]).max() <= tolerance * jnp.abs(unknowns[part]).max()
             for part in (slice(-2), slice(-2, None))
@@ -193,8 +195,8 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
 
     no = jnp.zeros((), bool)
     start = _Newton(unknowns, first, no, jnp.isfinite(unknowns).all(), jnp.zeros((), int))
-    end = jax.lax.while_loop(lambda state: state.goes_on, take_step, start)
-    return jnp.where(end.solved, end.unknowns, 1), end.solved
+    final = jax.lax.while_loop(lambda state: state.goes_on, take_step, start)
+    return jnp.where(final.solved, final.unknowns, 1), final.solved
 
 
 # Derivatives come from the implicit function theorem: none passes through the search.
@@ -264,7 +266,7 @@ def _compute_trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Rea
     _, along = _compute_node_accelerations(scene, unknowns)
     stiffness = along[0][:, None]
     ones = jnp.ones_like(along[0])
-    # Of unit rotation, and of unit velocity.
+    # Solutions of unit rotation, and of unit velocity.
     begun = jnp.stack([ones, half * maps.elapsed], axis=1)
     onward = maps.between - jnp.outer(maps.elapsed, maps.first_slope)
     matrix = jnp.eye(ones.size, dtype=ones.dtype) - stiffness * (half**2 * onward)

@@ -1,4 +1,4 @@
-"""Steady rocking on a floor that goes on to move harmonically, and whether it is stable."""
+"""Steady rocking on a floor that moves harmonically without end, and its stability."""
 
 import math
 
@@ -26,12 +26,12 @@ from ..validation import (
 from .harmonic_linearized import HarmonicScene, Path, require_two_sides, solve_linearized
 from .harmonic_nonlinear import solve_nonlinear
 
-# Orbits for which one step of Newton's method is taken at once: all wait for the slowest
-# one, and each has its own matrix in memory.
+# Orbits that are computed at once: all wait for the slowest one, and each has a matrix in
+# memory.
 _TOGETHER = 64
-# Intervals of the half period among whose ends the highest point is chosen.
+# Intervals of the half period; the search for the peak begins at the highest of their ends.
 _INSTANTS = 128
-# Newton's steps from there to the peak, with the one that has a derivative.
+# Newton's steps to the peak, including the last one, which has a derivative.
 _PEAK_STEPS = 6
 
 
@@ -138,8 +138,8 @@ def harmonic_orbit(
     >>> print(f"{orbit.rotation_ratio:.3f}", bool(orbit.stable), bool(orbit.below_uplift))
     0.094 True True
     """
-    # Two programs: the first one guards its arguments, and makes an orbit that does not exist
-    # NaN, from which the second one knows it.
+    # There are two programs. The first one masks its arguments and sets orbits that do not
+    # exist to NaN; the second one recognizes them by this NaN.
     return _make_orbit(
         *_compute_quantities(block, restitution, amplitude, frequency, as_model(model))
     )
@@ -180,7 +180,7 @@ def _compute_quantities(
     leaves, form = jax.tree.flatten(unify_precision(scenes))
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     size = math.prod(shape)
-    # Rows of nearly equal length, the last one filled up with the last orbit.
+    # Rows of nearly equal length; the last one is filled with the last orbit.
     rows = max(1, -(-size // _TOGETHER))
     width = -(-size // rows)
 
@@ -199,7 +199,7 @@ def _compute_quantities(
         trace=trace,
         determinant=restitution**2,
     )
-    # Last of all, so that no NaN is a factor of a derivative.
+    # The mask comes last, so that no NaN is a factor of a derivative.
     quantities = {name: jnp.where(exists, part, jnp.nan) for name, part in quantities.items()}
     return quantities, uplift_acceleration(block, model) - amplitude
 
@@ -217,25 +217,26 @@ def _solve_scene(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Bool
     peak = _find_peak(steady.path, scene.half_period, instants, rotations)
     sine = steady.sine
     cosine = steady.cosine
-    # A solution of the equations counts only if the block stays above the ground and falls to
-    # neither side: else there would be other impacts, or none.
+    # A solution of the equations counts only if the block stays above the ground and does not
+    # overturn: otherwise there would be other impacts, or none.
     toppled = scene.equation.critical_angle * peak >= TOPPLED_ROTATION
     exists = steady.exists & (rotations.min() > 0) & ~toppled
     moves = (sine != 0) | (cosine != 0)
-    # From the cosine axis, so that rounding does not turn pi into -pi: the sine is not
-    # negative.
+    # The phase is counted from the cosine axis, so that rounding does not turn pi into -pi:
+    # the sine is not negative.
     phase = 0.5 * math.pi - jnp.arctan2(jnp.where(moves, cosine, -1), sine)
     return steady.landing, phase, peak, steady.trace, exists
 
 
 def _find_peak(path: Path, half_period: Reals, instants: Reals, rotations: Reals) -> Reals:
-    """Find the highest rotation by Newton's method, from the highest of some instants."""
+    """Find the highest rotation by Newton's method, starting at the highest of some instants."""
     top = jnp.argmax(rotations)
     low, high = (instants[jnp.clip(top + k, 0, instants.size - 1)] for k in (-1, 1))
     instant = instants[top]
     for _ in range(_PEAK_STEPS):
-        # Only the last step has a derivative. The first derivative of the peak needs none, as
-        # the velocity there is 0; the second one needs the first derivative of the instant.
+        # Only the last step has a derivative. The first derivative of the peak needs no
+        # derivative of the instant, since the velocity is 0 there; the second derivative needs
+        # its first derivative.
         instant = jax.lax.stop_gradient(instant)
         _, velocity, acceleration = path(instant)
         falling = acceleration < 0
@@ -262,13 +263,13 @@ def _make_orbit(quantities: dict[str, Reals], uplift_excess: Reals) -> HarmonicO
 
 
 def _compute_multipliers(trace: Reals, determinant: Reals) -> Complex[Array, "... 2"]:
-    """Compute both eigenvalues; first the one of larger modulus, or of positive phase."""
+    """Compute both eigenvalues, first the larger in modulus or the one of positive phase."""
     half = 0.5 * trace
     square = half**2 - determinant
     differ = square != 0
-    # The root of 1 where it is not used: the root of 0 would make derivatives NaN.
+    # Where the root is not used, it is taken of 1: the root of 0 would make derivatives NaN.
     root = jnp.where(differ, jnp.sqrt(jnp.where(differ, jnp.abs(square), 1)), 0)
-    # The smaller eigenvalue as a quotient: a difference would cancel.
+    # The smaller eigenvalue is computed as a quotient: a difference would cancel.
     larger = half + jnp.where(half < 0, -root, root)
     smaller = determinant / jnp.where(larger == 0, 1, larger)
     real = jnp.where(square[..., None] > 0, jnp.stack([larger, smaller], -1), half[..., None])

@@ -1,6 +1,6 @@
 """Rocking resonance under pulses of finite duration: fixed points of the half-cycle map.
 
-`repeated_pulses_map` has the map. From rest it is iterated; where that motion dies out, its
+The map of `repeated_pulses_map` is iterated from rest. Where this motion dies out,
 larger fixed points are sought from the top down.
 """
 
@@ -26,12 +26,12 @@ from .repeated_pulses_map import (
     limit_tolerance,
 )
 
-# Evaluations of the map from rest, at most.
+# Largest number of evaluations of the map from rest.
 _MAX_FROM_REST = 300
-# Velocities at which a scan looks at the map, and evaluations between two of them, at most.
+# Velocities of a scan, and largest number of evaluations between two of them.
 _POINTS = 64
 _MAX_BETWEEN = 100
-# A landing velocity that is less than this part of the first one, and falls, dies out.
+# A motion dies out if its landing velocity falls below this fraction of the first one.
 _DYING = 1e-6
 
 
@@ -139,7 +139,7 @@ def pulsed_phase(
 def _compute_gap(
     scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...], Booleans]:
-    """Compute the gap P(v) - v, 0 at a fixed point; rate, time and peak; if it overturns."""
+    """Compute the gap P(v) - v, 0 at a fixed point; rate, time and peak; and overturning."""
     value, rate, (time, peak, overturns) = jax.jvp(
         lambda v: compute_landing(scene, v, model, rtol),
         (velocity,),
@@ -150,7 +150,7 @@ def _compute_gap(
 
 
 class _Sample(NamedTuple):
-    """The gap at one velocity: NaN where no landing follows."""
+    """The gap at one velocity; NaN where no landing follows."""
 
     velocity: Reals
     gap: Reals
@@ -167,12 +167,12 @@ class _PhaseSearch(NamedTuple):
 
     trial: Reals  # where the map is evaluated next
     last: _Sample
-    point: Integers  # of the scan; -1 as long as the map is iterated from rest
+    point: Integers  # index in the scan; -1 as long as the map is iterated from rest
     since: Integers  # evaluations since the beginning, or since that point
     goes_on: Booleans
     exists: Booleans  # a stable fixed point was found
     overturns: Booleans  # the pulses overturn the block from rest
-    reach: Reals  # how many times as long as the map's own step a step may be
+    reach: Reals  # longest step, over the step of the map itself
     extrapolates: Booleans  # whether the step was longer than the step of the map
     first: Reals  # first landing velocity, of a block lifted from rest
     left: _Sample  # the lower end of the interval in which a fixed point is sought
@@ -198,8 +198,8 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
     block, _, pulse = scene
     critical = model.critical_velocity(block)
     p = block.frequency_parameter
-    # No block lands faster than by all that gravity and the pulse can give: the critical
-    # velocity for the fall, and p^2 / g times the impulse.
+    # No block lands faster than gravity and the pulse together allow: the critical velocity
+    # for the fall, and p^2 / g times the impulse.
     top = critical + p**2 * jnp.abs(pulse.amplitude) * pulse.duration / block.gravity
     bottom = 0.02 * jnp.minimum(p * (pulse.end - pulse.start), 1) * critical
     tolerance = limit_tolerance(critical, rtol)
@@ -218,33 +218,33 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
         # Within a few tolerances, a gap that no longer shrinks is the error of the map.
         stuck = (jnp.abs(gap) <= 8 * size) & (jnp.abs(gap) >= 0.5 * jnp.abs(search.last.gap))
         reached = (velocity > 0) & ((jnp.abs(new.newton) <= size) | stuck)
-        # An unstable fixed point is none: no motion stays there.
+        # An unstable fixed point does not count: no motion stays there.
         stands = reached & (jnp.abs(values[0]) <= 1)
-        from_rest = _iterate_from_rest(search, new, stands, overturns, place_point(0))
+        iterated = _iterate_from_rest(search, new, stands, overturns, place_point(0))
         scanned = _scan_downwards(search, new, reached, stands, place_point)
-        return select_tree(search.point < 0, from_rest, scanned), values
+        return select_tree(search.point < 0, iterated, scanned), values
 
     zero = jnp.zeros_like(top)
     count = jnp.zeros((), int)
     no = jnp.zeros((), bool)
-    # Of gap 0, which is not negative: above the first point no fixed point is sought.
+    # The gap of 0 is not negative: above the first point no fixed point is sought.
     start = _Sample(zero, zero, zero)
     begin = _PhaseSearch(
         zero, start, count - 1, count, ~no, no, no, zero + 1, no, zero, start, start
     )
-    end, values = jax.lax.while_loop(
+    final, values = jax.lax.while_loop(
         lambda state: state[0].goes_on, evaluate_map, (begin, (zero, zero, zero))
     )
-    root, *values = (jnp.where(end.exists, x, 0) for x in (end.last.velocity, *values))
-    at_rest = end.point < 0
-    flags = at_rest & end.exists, ~at_rest & ~end.exists, end.overturns
-    return Root(root, tuple(values), end.exists, flags)
+    root, *values = (jnp.where(final.exists, x, 0) for x in (final.last.velocity, *values))
+    from_rest = final.point < 0
+    flags = from_rest & final.exists, ~from_rest & ~final.exists, final.overturns
+    return Root(root, tuple(values), final.exists, flags)
 
 
 def _iterate_from_rest(
     search: _PhaseSearch, new: _Sample, stands: Booleans, overturns: Booleans, top: Reals
 ) -> _PhaseSearch:
-    """Iterate the map, in longer steps while it is nearly linear, which it often is."""
+    """Iterate the map, in longer steps while it is nearly linear."""
     # Step before       | What the map shows                   | What happens next
     # ------------------|--------------------------------------|-------------------------------
     # of the map itself | linear, as the velocity before said  | accepted; reach 4 times as far
@@ -258,7 +258,7 @@ def _iterate_from_rest(
     #                   |   all but 0 that falls in proportion |   top
     old = search.last
     width = new.velocity - old.velocity
-    # Gap and slope are what the velocity before said, to half of the gap there.
+    # Gap and slope agree with the tangent at the velocity before, to half of the gap there.
     shrinks = 0.5 * jnp.abs(old.gap)
     linear = (
         (new.velocity + new.gap > 0)
@@ -267,30 +267,31 @@ def _iterate_from_rest(
         & (old.velocity > 0)
     )
     accepted = linear | ~search.extrapolates
-    at = select_tree(accepted, new, old)
-    gap = at.gap
-    velocity = at.velocity
-    rate = 1 + at.slope
+    sample = select_tree(accepted, new, old)
+    gap = sample.gap
+    velocity = sample.velocity
+    rate = 1 + sample.slope
     reach = jnp.where(linear, 4 * search.reach, 1)
-    # No further than Newton's step, which is infinite where the map climbs as fast as v.
-    newton = jnp.where(rate < 1, jnp.abs(at.newton), jnp.inf)
+    # The step is at most Newton's step, which is infinite where the map rises as fast as v.
+    newton = jnp.where(rate < 1, jnp.abs(sample.newton), jnp.inf)
     step = jnp.sign(gap) * jnp.minimum(newton, reach * jnp.abs(gap))
-    # Where the map falls, so that its iterates alternate, its own step; Newton's from nearby.
+    # Where the map falls, its iterates alternate: the step of the map is taken, and Newton's
+    # step nearby.
     near = (jnp.abs(gap) <= 1e-4 * velocity) & (jnp.abs(rate) < 1)
-    step = jnp.where(rate > 0, step, jnp.where(near, at.newton, gap))
-    # Down to 0 in many steps, so that a fixed point on the way is seen. The map itself may go
-    # there at once.
+    step = jnp.where(rate > 0, step, jnp.where(near, sample.newton, gap))
+    # Steps go down to 0 gradually, so that a fixed point on the way is found. The map itself
+    # may go to 0 at once.
     step = jnp.maximum(step, jnp.minimum(gap, -0.9 * velocity))
     first = jnp.where(velocity == 0, gap, search.first)
     dying = (gap < 0) & (velocity <= _DYING * first)
     # The tangent leads through 0, as under the beginning of a pulse: the motion dies out.
-    straight = jnp.abs(gap - at.slope * velocity) <= 1e-3 * velocity
+    straight = jnp.abs(gap - sample.slope * velocity) <= 1e-3 * velocity
     stands = stands & accepted
     goes_on = ~stands & ~(accepted & jnp.isnan(new.gap)) & (search.since < _MAX_FROM_REST)
     dies = goes_on & accepted & ((velocity + gap == 0) | (dying & straight))
     return search._replace(
         trial=jnp.where(dies, top, velocity + step),
-        last=at,
+        last=sample,
         point=jnp.where(dies, 0, search.point),
         since=jnp.where(dies, 0, search.since + 1),
         goes_on=goes_on,
@@ -309,7 +310,7 @@ def _scan_downwards(
     stands: Booleans,
     place_point: Callable[[ArrayLike], Reals],
 ) -> _PhaseSearch:
-    """Take in the sample at the trial, and decide where the next one is wanted."""
+    """Store the sample at the trial, and choose the next trial."""
     # The trial was       | What happens next
     # --------------------|-------------------------------------------------------------------
     # a point (since = 0) | The sample becomes `left`. Between it and `right`, the point above
@@ -321,17 +322,17 @@ def _scan_downwards(
     # On to the next point: `left`, below which nothing is known, becomes `right`.
     left = search.left
     right = search.right
-    # A stable fixed point, at which the gap falls, is to the right of a gap above 0, and to the
-    # left of one below 0, unless that one is on the rise to a hump. An edge, beyond which no
-    # landing follows, stays in the interval as well.
+    # At a stable fixed point the gap falls. The point lies to the right of a gap above 0, and
+    # to the left of a gap below 0, unless this gap rises to a hump. An edge beyond which no
+    # landing follows stays in the interval as well.
     climbs = (left.gap < 0) & (jnp.isnan(right.gap) | (new.slope > 0))
     stays = jnp.where(jnp.isnan(new.gap), jnp.isnan(left.gap), climbs)
-    to_left = (search.since == 0) | (new.gap >= 0) | stays
-    left = select_tree(to_left, new, left)
-    right = select_tree(to_left, right, new)
+    moves_left = (search.since == 0) | (new.gap >= 0) | stays
+    left = select_tree(moves_left, new, left)
+    right = select_tree(moves_left, right, new)
     halve = (search.since > 0) & (search.since % 3 == 0)
     hides, between = _propose_velocity(left, right, new, halve)
-    # Between neighbouring numbers the gap jumps over 0.
+    # Between neighbouring floats the gap jumps over 0.
     eps = float(jnp.finfo(between.dtype).eps)
     wide = right.velocity - left.velocity > 4 * eps * right.velocity
     hides = hides & wide & (search.since <= _MAX_BETWEEN) & ~reached
@@ -353,17 +354,18 @@ def _propose_velocity(
 ) -> tuple[Booleans, Reals]:
     """Return whether a fixed point may hide in an interval, and propose where to look for it.
 
-    With `halve` in the middle: Newton's method alone may creep towards a root from one side.
+    With `halve` this is the middle: Newton's method alone may approach a root slowly from one
+    side.
     """
     low = left.velocity
     high = right.velocity
     open_above = ~(right.gap >= 0)
     closed = right.gap < 0
     crosses = (left.gap >= 0) & open_above
-    # Beside an edge, beyond which no landing follows, the gap may begin above 0 and fall.
+    # Next to an edge beyond which no landing follows, the gap may begin above 0 and fall.
     edge = jnp.isnan(left.gap) & closed
     # A hump has no sign change at its ends, but may reach above 0 where their tangents meet.
-    # An open one is not known on the right side.
+    # The right side of an open hump is not known.
     bend = left.slope - right.slope
     along = right.gap - left.gap - right.slope * (high - low)
     along = along / jnp.where(bend > 0, bend, 1)
@@ -371,8 +373,8 @@ def _propose_velocity(
     climbs = (left.gap < 0) & (left.slope > 0) & open_above
     hump = climbs & ~(closed & (right.slope >= 0)) & (top > 0)
 
-    # By Newton's method as long as that stays inside. At the top of a hump, but not so close
-    # to an end that the interval would hardly shrink. Else in the middle.
+    # The proposal is Newton's as long as it stays inside; or the top of a hump, at some
+    # distance from the ends, so that the interval shrinks; otherwise the middle.
     newton = last.velocity + last.newton
     inside = crosses & closed & (newton > low) & (newton < high) & ~halve
     peak = jnp.clip(low + along, 0.9 * low + 0.1 * high, 0.1 * low + 0.9 * high)

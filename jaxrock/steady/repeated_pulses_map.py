@@ -1,11 +1,11 @@
 """The half-cycle map under pulses of finite duration, from one landing velocity to the next.
 
 A pulse begins right after each impact and ends at the next impact at the latest. Small bounces
-see only its beginning: under a pulse that rises from 0 the map P of landing velocities is
-P(v) = C v + O(v^2) for small v > 0, while P(0) is the first landing after a whole pulse has
-acted on a block at rest. P is discontinuous at 0 wherever the pulse lifts the block, and may
-lead back to 0: bounces then die out in finite time, no further pulse begins, and the block
-stays at rest.
+see only the beginning of the pulse: under a pulse that rises from 0 the map P of landing
+velocities is P(v) = C v + O(v^2) for small v > 0, while P(0) is the first landing after a
+whole pulse has acted on a block at rest. P is discontinuous at 0 wherever the pulse lifts the
+block, and may lead back to 0: bounces then die out in finite time, no further pulse begins,
+and the block stays at rest.
 """
 
 import equinox as eqx
@@ -20,8 +20,8 @@ from ..impact import read_restitution, velocity_after_impact
 from ..resonance import RockingModel
 from ..validation import Booleans, Number, Reals, check_kind, unify_precision
 
-# Time to wait for an impact after the pulse, times p. A block that has not landed until then
-# lies on its side, or all but balances.
+# Time to wait for an impact after the pulse, times p. A block that has not landed by then lies
+# on its side, or nearly balances.
 _LONGEST_WAIT = 200.0
 
 PulsedScene = tuple[Block, Reals, Pulse]
@@ -49,7 +49,7 @@ def follow_half_cycle(
 ) -> FollowedMotion:
     """Follow a block from an impact to the next one, for `wait` / p beyond the pulse at most.
 
-    `velocity` is the one just before the impact, as in the map.
+    `velocity` is the velocity just before the impact, as in the map.
     """
     block, restitution, pulse = scene
     pulse = eqx.tree_at(lambda p: p.start, pulse, jnp.zeros_like(velocity))
@@ -61,7 +61,7 @@ def follow_half_cycle(
         rotation=jnp.zeros_like(velocity),
         velocity=velocity_after_impact(restitution, velocity),
     )
-    # The absolute tolerance lets small bounces be followed as exactly as large ones.
+    # With this absolute tolerance small bounces are as accurate as large ones.
     rtol = limit_tolerance(velocity, rtol)
     return follow_driven(
         driven,
@@ -74,7 +74,7 @@ def follow_half_cycle(
 
 
 def limit_tolerance(like: Reals, rtol: float) -> float:
-    """Limit a tolerance to what the precision of an array can deliver."""
+    """Limit a tolerance by the precision of an array."""
     return max(rtol, 20 * float(jnp.finfo(like.dtype).eps))
 
 
@@ -92,7 +92,7 @@ def compute_landing(
     """
     response, (time, arriving) = follow_half_cycle(scene, velocity, _LONGEST_WAIT, model, rtol)
     landed = response.impacts > 0
-    # Where there is no impact its numbers are no factors of a derivative.
+    # Without an impact, NaN of its time and velocity must not enter derivatives.
     landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
     stays = landed | response.at_rest
     overturns = ~stays & (response.status <= Status.LIST_FULL)

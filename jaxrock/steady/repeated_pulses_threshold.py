@@ -2,7 +2,7 @@
 
 A block that lands with the critical velocity v_c is at the threshold if the next pulse just
 fails to overturn it: then it lands with v_c again. The margin at the end of the pulse is a
-function of the amplitude, whose lowest root is sought.
+function of the amplitude; its lowest root is sought.
 """
 
 import math
@@ -27,14 +27,15 @@ from .repeated_pulses_map import (
     limit_tolerance,
 )
 
-# Step of the logarithm of the amplitude, on the way up until a pulse overturns the block.
+# Step of the logarithm of the amplitude on the way up.
 _STEP = 0.2
-# The range of that logarithm: of 300 steps.
+# Range of this logarithm: 300 steps.
 _RANGE = 300 * _STEP
-# Part by which pulses are weaker for which `from_rest` is computed: at the threshold itself
-# rounding decides.
+# For `from_rest` the pulses are weaker by this fraction: at the threshold itself rounding
+# decides.
 _WEAKER = 1e-6
-# Distance of their landing velocity from the expected one, over the critical velocity.
+# Largest difference of their landing velocity from the expected one, over the critical
+# velocity.
 _NEAR = 1e-3
 
 
@@ -121,7 +122,7 @@ def critical_pulsed_amplitude(
     scene = check_pulsed_arguments(block, restitution, pulse, rtol)
     model = as_model(model)
     threshold, weaker, expected = _compute_threshold(scene, model, rtol)
-    # Without derivatives, which a yes or no does not have; and apart, since this program is
+    # A boolean has no derivatives. The phase is computed separately, since this program is
     # likely to be compiled already.
     weaker, expected = jax.lax.stop_gradient(((*scene[:2], weaker), expected))
     phase = compute_phase(weaker, model, max(rtol, 1e-9))
@@ -144,7 +145,7 @@ def _compute_margin(
     logarithm : Array
         Logarithm of the amplitude.
     direction : tuple of Array
-        Direction of the slope: change of that logarithm, and of the landing velocity before.
+        Direction of the slope: change of this logarithm, and of the landing velocity before.
     model : RockingModel
     rtol : float
 
@@ -168,8 +169,8 @@ def _compute_margin(
         margin = (returning - outward) / equation.critical_velocity
         return margin, (outward, response.impacts > 0)
 
-    at = logarithm, equation.critical_velocity
-    return jax.jvp(margin_when_pulse_ends, at, direction, has_aux=True)
+    point = logarithm, equation.critical_velocity
+    return jax.jvp(margin_when_pulse_ends, point, direction, has_aux=True)
 
 
 def _compute_threshold_residual(
@@ -181,8 +182,9 @@ def _compute_threshold_residual(
         scene, logarithm, along_velocity, model, rtol
     )
     # The block lands with sqrt(v_c^2 + v^2 - D^2), where v is its velocity at the end of the
-    # pulse and D the one at which it just fails to come back. The margin is (D - v) / v_c, and
-    # at the threshold v is D: so the landing velocity changes by -v times the margin.
+    # pulse and D the velocity at which it just fails to come back. The margin is
+    # (D - v) / v_c, and at the threshold v is D: so the landing velocity changes by -v times
+    # the margin.
     return margin, (-velocity * slope,)
 
 
@@ -193,11 +195,11 @@ class _ThresholdSearch(NamedTuple):
     low: Reals  # the largest below all that overturn
     high: Reals  # the smallest that overturns; inf on the way up
     step: Reals  # the last step of Newton's method
-    since: Integers  # evaluations since the way up has ended
+    since: Integers  # number of evaluations since the way up ended
     located: Booleans
     goes_on: Booleans
     gain: Reals  # slope of the landing velocity there, with respect to the logarithm
-    rate: Reals  # of the half-cycle map there, which takes one evaluation more
+    rate: Reals  # rate of the half-cycle map there, which takes one more evaluation
 
 
 def _search_threshold(scene: PulsedScene, *, model: RockingModel, rtol: float) -> Root:
@@ -213,12 +215,13 @@ def _search_threshold(scene: PulsedScene, *, model: RockingModel, rtol: float) -
     #                     |   the amplitude                    |   the velocity, for the rate
     #                     |                                    |   of the map: the end
     #
-    # One evaluation a turn, along one direction, so that its program is compiled once.
+    # Each iteration makes one evaluation, along one direction, so that one program is
+    # compiled.
     block, _, pulse = scene
     tolerance = limit_tolerance(pulse.amplitude, rtol)
     eps = float(jnp.finfo(pulse.amplitude.dtype).eps)
-    # A block in motion may be overturned by far less than lifts it: in float64 the way up
-    # begins at 5e-7 of uplift.
+    # A moving block may be overturned by far less than the uplift acceleration: in float64 the
+    # way up begins at 5e-7 of it.
     first = jnp.log(uplift_acceleration(block, model)) + 0.4 * math.log(eps)
     no = jnp.zeros((), bool)
     zero = jnp.zeros_like(first)
@@ -229,13 +232,13 @@ def _search_threshold(scene: PulsedScene, *, model: RockingModel, rtol: float) -
         along = jnp.where(search.located, zero, 1), jnp.where(search.located, 1, zero)
         margin, slope, (velocity, lands) = _compute_margin(scene, trial, along, model, rtol)
         gain = -velocity * slope
-        # Written so that NaN, of an integration that did not finish, counts as overturned.
+        # Written so that the NaN of an unfinished integration counts as overturned.
         overturns = ~lands & ~(margin >= 0)
         low = jnp.where(overturns, search.low, trial)
         high = jnp.where(overturns, trial, search.high)
         between = high < jnp.inf
         step = jnp.where(lands, jnp.inf, -margin / slope)
-        # Newton's steps that no longer shrink are the error of the integration.
+        # Newton's steps that no longer shrink show the error of the integration.
         size = jnp.abs(step)
         stuck = (size <= 1e3 * tolerance) & (size >= 0.5 * jnp.abs(search.step))
         located = between & ((size <= tolerance) | stuck)
@@ -245,8 +248,8 @@ def _search_threshold(scene: PulsedScene, *, model: RockingModel, rtol: float) -
         )
         inner = jnp.where(inside, newton, 0.5 * (low + high))
         following = jnp.where(between, inner, trial + _STEP)
-        # Where the block begins to be caught before it lands, it may overturn at once, with no
-        # threshold in between.
+        # Where the pulse begins to catch the block before it lands, the outcome may jump to
+        # overturning without a threshold.
         wide = jnp.where(between, high - low > 4 * eps * jnp.abs(high), trial < first + _RANGE)
         onward = _ThresholdSearch(
             trial=jnp.where(located, trial, following),
@@ -276,15 +279,15 @@ _find_threshold = differentiate_implicitly(_search_threshold, _compute_threshold
 def _compute_threshold(
     scene: PulsedScene, model: RockingModel, rtol: float
 ) -> tuple[PulsedThreshold, Pulse, tuple[Reals, Reals]]:
-    """Find the threshold, and what says whether it is reached from rest.
+    """Find the threshold, and the data to check whether it is reached from rest.
 
     Returns
     -------
     threshold : PulsedThreshold
     weaker : Pulse
-        Slightly weaker than the threshold.
+        A pulse slightly weaker than the threshold.
     expected : tuple of Array
-        Landing velocity of its fixed point, and how near it must be.
+        Landing velocity at the fixed point of this pulse, and its tolerance.
     """
     block, _, pulse = scene
     root = _find_threshold(scene, model=model, rtol=rtol)
@@ -301,8 +304,8 @@ def _compute_threshold(
     )
     weaker = pulse.scaled(jnp.where(stable, amplitude, 1) * (1 - _WEAKER))
     critical = Equation.of(block, model).critical_velocity
-    # Short cosines nearly cancel: there a little less amplitude is much less velocity. The
-    # fixed point moves by the gain of the map over 1 less its rate.
+    # Short cosines nearly cancel: slightly less amplitude is much less velocity. The fixed
+    # point moves by the gain of the map over 1 minus its rate.
     less = _WEAKER * gain / jnp.where(rate < 1, 1 - rate, 1)
     return threshold, weaker, (critical - less, _NEAR * critical + 0.5 * jnp.abs(less))
 

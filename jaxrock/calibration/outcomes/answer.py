@@ -23,9 +23,9 @@ from .posterior import scale_to_prior
 from .prior import PriorLike
 from .sample import Simulator
 
-# Fraction of the prior variance of a median: more left says that the tests do not decide it.
+# Fraction of the prior variance of a median above which the tests do not decide it.
 _UNDECIDED = 0.5
-# From here on a lower end of the lapse is worth a remark, and so is a spread of blocks.
+# Lower limit of the lapse, or spread of blocks, above which there is a remark.
 _HIGH_LAPSE = 0.05
 _FEW_TESTS = 10
 _FEW_BLOCKS = 50
@@ -53,7 +53,7 @@ class OutcomeFit(Printed, eqx.Module):
     undecided : tuple of str
         Names of the medians whose uncertainty is still mostly that of the prior.
     grouped : bool
-        Whether a deviation of groups can be told from that of tests.
+        Whether deviations of groups and of tests can be distinguished.
     simulator : Simulator
         Settings that all blocks have in common.
     """
@@ -104,7 +104,7 @@ class OutcomeFit(Printed, eqx.Module):
             "frequency_parameter": np.sqrt(np.expm1(frequency**2)),
             "restitution": np.sqrt(square - mean**2) / mean,
         }
-        # A deviation of groups adds to the variance of the angle, and nothing to covariances.
+        # A deviation of groups adds to the variance of the angle, but not to covariances.
         factors = dict.fromkeys(NAMES, 1.0) | {"critical_angle": angle / total}
         correlations = {
             (first, second): values[f"correlation_{first}_{second}"] * factors[first]
@@ -174,8 +174,8 @@ class OutcomeFit(Printed, eqx.Module):
         return dict(zip(heads, map(list, zip(*rows, strict=True)), strict=True))
 
     def __str__(self) -> str:
-        in_groups = f" in {self.groups} groups" if self.grouped else ""
-        head = f"{self.tests} tests{in_groups}, {self.overturned} overturned"
+        grouping = f" in {self.groups} groups" if self.grouped else ""
+        head = f"{self.tests} tests{grouping}, {self.overturned} overturned"
         table = self.table()
         names = [
             name.replace("_", " ") + (f" [{UNITS[name]}]" if name in UNITS else "")
@@ -211,7 +211,7 @@ class OutcomeFit(Printed, eqx.Module):
         if is_traced(suite):
             raise ValueError("motions must be concrete here: outcomes have no derivatives")
         coordinates = np.asarray(self.points.coordinates, float)
-        # In a transformation, too, the outcomes are numbers: only the population is traced.
+        # The outcomes are numbers even in a transformation: only the population is traced.
         with jax.ensure_compile_time_eval():
             overturned = self.simulator.simulate(coordinates, suite)
         outcomes = jnp.asarray(overturned, self.points.coordinates.dtype)
@@ -322,7 +322,7 @@ def fit_outcomes(  # noqa: PLR0913
 
 
 def make_outcome_fit(campaign: Campaign, fitted: CampaignFit) -> OutcomeFit:
-    """Make the answer of the first part of a fit, which has to be of all tests."""
+    """Make the answer from the first subset of a fit, which has to contain all tests."""
     mode, posterior, prior = fitted.modes[0], fitted.posterior, campaign.prior
     population = scale_to_prior(as_array(mode.standard), prior)
     if not campaign.grouped:

@@ -1,4 +1,4 @@
-"""A campaign of tests, checked once, and the populations fitted to parts of its tests."""
+"""A campaign of tests, checked once, and the populations fitted to subsets of its tests."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -37,16 +37,16 @@ from .posterior import (
 from .prior import Prior, PriorLike, make_prior
 from .sample import NormalComponent, Simulator, draw_sample
 
-# Blocks that are drawn where the tests lead, over those that are drawn from the prior.
+# Number of blocks from populations that fit, over the number from the prior.
 _OF_PRIOR = 2
-# Tests are padded to so many, or twice as many and so on: each number of them would be another
+# Tests are padded to this number times a power of 2: each number of tests would be another
 # program.
 _LEAST_ROOM = 64
 _LEAST_SAMPLES = 64
-# By default so many motions of blocks. The fewer the tests, the more single blocks dominate the
-# likelihood.
+# Default number of simulated motions. Fewer tests have more blocks, since otherwise single
+# blocks would dominate the likelihood.
 _USUAL_MOTIONS = 2**20
-_USUAL_SAMPLES = (2048, 8192)  # at least, at most
+_USUAL_SAMPLES = (2048, 8192)  # smallest and largest default
 # Nodes of the quadrature over the deviation of a group: exact for polynomials up to degree 9.
 _NODES = 5
 
@@ -66,7 +66,7 @@ class Campaign(NamedTuple):
     simulator : Simulator
     prior : Prior
     samples, seed : int
-        Blocks, without those of the prior, and the seed of all.
+        Number of blocks besides the blocks from the prior, and the seed of all of them.
     """
 
     suite: Suite
@@ -80,7 +80,7 @@ class Campaign(NamedTuple):
 
     @property
     def grouped(self) -> bool:
-        """True where a deviation of groups can be told from that of tests."""
+        """Whether deviations of groups and of tests can be distinguished."""
         return 1 < len(self.groups) < len(self.overturned)
 
     def pad(self, values: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ def check_campaign(  # noqa: PLR0913
     inertia_ratio: Number = RECTANGLE_INERTIA_RATIO,
     one_sided: bool = False,
 ) -> Campaign:
-    """Check the arguments of `fit_outcomes`, which says what they may be."""
+    """Check the arguments of `fit_outcomes`, whose docstring describes them."""
     check_kind("suite", suite, Suite)
     check_concrete(
         (suite, overturned, prior, gravity, inertia_ratio),
@@ -162,15 +162,15 @@ def _as_single(name: str, value: object, unit: str, domain: Domain) -> float:
 
 
 class CampaignFit(NamedTuple):
-    """Populations fitted to parts of the tests of a campaign, from one sample of blocks.
+    """Populations fitted to subsets of the tests of a campaign, from one sample of blocks.
 
     Attributes
     ----------
     evidence : Evidence
     modes : list of Mode
-        For each part.
+        For each subset.
     posterior : Posterior
-        Of the first part.
+        Of the first subset.
     """
 
     evidence: Evidence
@@ -178,20 +178,20 @@ class CampaignFit(NamedTuple):
     posterior: Posterior
 
 
-def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
-    """Fit a population to each part of the tests, from one sample of blocks.
+def fit_parts(campaign: Campaign, subsets: Sequence[np.ndarray]) -> CampaignFit:
+    """Fit a population to each subset of the tests, from one sample of blocks.
 
-    Blocks of the prior lead to a first population that fits the first part. Around it, and wide
-    enough for the populations of all parts, more blocks are drawn. Where blocks are drawn changes
-    how accurate an answer is, not what it would be with ever more of them.
+    Blocks from the prior lead to a population that fits the first subset. Around it, and wide
+    enough for the populations of all subsets, more blocks are drawn. The distribution of the
+    blocks changes the accuracy of an answer, not its limit for many blocks.
 
     Parameters
     ----------
     campaign : Campaign
-    parts : sequence of ndarray of bool, shape (tests,)
+    subsets : sequence of ndarray of bool, shape (tests,)
         Which tests count.
     """
-    counts = [campaign.pad(part.astype(float)) for part in parts]
+    counts = [campaign.pad(subset.astype(float)) for subset in subsets]
     mean, width = (
         np.array([float(getattr(population, name)) for name in NAMES])
         for population in campaign.prior
@@ -200,8 +200,8 @@ def fit_parts(campaign: Campaign, parts: Sequence[np.ndarray]) -> CampaignFit:
     evidence = campaign.draw_evidence([widest])
     mode = search_mode(evidence, counts[0], np.zeros(len(vars(campaign.prior.mean))))
     covariance = compute_covariance(mode, evidence, counts[0])
-    # The fewer tests, the less certain the medians.
-    fewest = min(part.sum() for part in counts)
+    # The fewer the tests, the less certain the medians.
+    fewest = min(subset.sum() for subset in counts)
     proposed = propose_blocks(mode, covariance * counts[0].sum() / fewest, campaign.prior)
     evidence = campaign.draw_evidence([widest, NormalComponent(*proposed, campaign.samples)])
     shown = show_progress(counts, "fits")

@@ -132,29 +132,29 @@ def fit_and_score(campaign: Campaign, splits: int) -> tuple[OutcomeFit, "xarray.
             "groups must have at least two names, one to fit and one to predict, got only"
             f" {campaign.groups[0]!r}"
         )
-    parts = [np.ones(len(campaign.overturned), bool)]
+    subsets = [np.ones(len(campaign.overturned), bool)]
     for split in range(splits):
         order = np.random.default_rng(campaign.seed + split).permutation(number)
-        parts.append(np.isin(campaign.group, order[: number // 2]))
-    fitted = fit_parts(campaign, parts)
-    return make_outcome_fit(campaign, fitted), _score(campaign, fitted, parts[1:])
+        subsets.append(np.isin(campaign.group, order[: number // 2]))
+    fitted = fit_parts(campaign, subsets)
+    return make_outcome_fit(campaign, fitted), _score(campaign, fitted, subsets[1:])
 
 
 def _score(
-    campaign: Campaign, fitted: CampaignFit, parts: Sequence[np.ndarray]
+    campaign: Campaign, fitted: CampaignFit, subsets: Sequence[np.ndarray]
 ) -> "xarray.Dataset":
     """Score the predictions of all splits."""
     overturned = campaign.overturned
     measures = measure_tests(campaign.suite)
-    probability = np.full((len(_PREDICTORS), len(parts), overturned.size), np.nan)
-    for split, part in enumerate(parts):
+    probability = np.full((len(_PREDICTORS), len(subsets), overturned.size), np.nan)
+    for split, subset in enumerate(subsets):
         standard = as_array(fitted.modes[split + 1].standard)
         prior, points, data = fitted.evidence
         blocks = _predict(standard, prior, points, data.outcomes)[: overturned.size]
-        rules = [predict_by_intensity(m, overturned, part) for m in measures.values()]
-        base_rate = np.full(overturned.size, overturned[part].mean())
+        rules = [predict_by_intensity(m, overturned, subset) for m in measures.values()]
+        base_rate = np.full(overturned.size, overturned[subset].mean())
         predictions = np.stack([np.asarray(blocks, float), *rules, base_rate])
-        probability[:, split, ~part] = predictions[:, ~part]
+        probability[:, split, ~subset] = predictions[:, ~subset]
     times = np.sum(~np.isnan(probability[0]), axis=0)
     values = {
         **compute_scores(probability, overturned),
@@ -167,14 +167,14 @@ def _score(
         name: (dimensions, values[name], {"long_name": long_name, "units": unit})
         for name, (dimensions, long_name, unit) in _VARIABLES.items()
     }
-    seeds = campaign.seed + np.arange(len(parts))
+    seeds = campaign.seed + np.arange(len(subsets))
     bins = np.arange(values["tests"].size)
     coordinates = {
         "split": ("split", seeds, {"long_name": "seed of the split"}),
         "bin": ("bin", bins, {"long_name": "bin of probability"}),
     }
     attributes = {
-        "splits": len(parts),
+        "splits": len(subsets),
         "seed": campaign.seed,
         "groups": len(campaign.groups),
         "blocks": len(fitted.evidence.points.coordinates),
@@ -203,8 +203,7 @@ def measure_tests(suite: Suite) -> dict[str, np.ndarray]:
 
     The peak ground velocity is the one without the drift, a straight line from rest to the
     velocity at the end: a shaking table starts and ends at rest, and an accelerometer with an
-    offset makes it seem to move on. Of a suite on a floor, the intensities are those of the
-    ground.
+    offset makes it seem to move on. The intensities of a suite on a floor refer to the ground.
 
     Parameters
     ----------
@@ -237,7 +236,7 @@ def tabulate_scores(scores: "xarray.Dataset") -> dict[str, list[Any]]:
     columns = {"predictor": scores.predictor.values.tolist()}
     for name in _SCORES:
         columns[name] = scores[name].mean("split").values.tolist()
-        # One split says nothing of others.
+        # One split has no standard deviation.
         several = scores[name] if scores.sizes["split"] > 1 else scores[name] * np.nan
         columns[f"{name}_deviation"] = several.std("split", ddof=1).values.tolist()
     return columns

@@ -1,9 +1,8 @@
 """Probabilities of outcomes from a simulated sample of blocks, and the likelihood of tests.
 
-Outcomes jump, populations do not: a block of the sample overturns or stands, but how much it
-counts changes smoothly with the medians, deviations and correlations of the population. It is
-importance sampling with weights that are normalized (Owen 2013, "Monte Carlo theory, methods
-and examples", section 9.2).
+The outcome of a block jumps, but its weight changes smoothly with the medians, deviations and
+correlations of the population. The method is importance sampling with normalized weights (Owen
+2013, "Monte Carlo theory, methods and examples", section 9.2).
 """
 
 from typing import NamedTuple
@@ -36,7 +35,7 @@ class Points(NamedTuple):
 
 
 class TestData(NamedTuple):
-    """Tests, and what each block of a sample does in them.
+    """Tests, and the outcomes of each block of a sample in them.
 
     Attributes
     ----------
@@ -54,7 +53,7 @@ class TestData(NamedTuple):
 
 
 def weigh_blocks(population: Population, points: Points) -> Reals:
-    """Compute how much each block counts, for groups that deviate by each node.
+    """Compute the weight of each block, for groups that deviate by each node.
 
     Returns
     -------
@@ -62,11 +61,11 @@ def weigh_blocks(population: Population, points: Points) -> Reals:
         Weights with a sum of 1 at each node.
     """
     centred = points.coordinates.T - population.mean[:, None]
-    # All blocks, and a unit of the deviation of groups, which is one of ln(alpha_c).
+    # All blocks, and a shift by the deviation of groups, which is a deviation of ln(alpha_c).
     shift = jnp.zeros_like(centred[:, :1]).at[0].set(population.group_deviation)
     columns = jnp.concatenate([centred, shift], axis=1)
-    # The inverse is of shape (3, 3): in a batch of populations it is faster than to solve for
-    # all columns.
+    # The inverse has shape (3, 3): in a batch of populations it is faster than solving for all
+    # columns.
     unit = jnp.eye(3, dtype=columns.dtype)
     inverse = jax.scipy.linalg.solve_triangular(population.factor, unit, lower=True)
     standard = inverse @ columns
@@ -114,6 +113,6 @@ def compute_log_likelihood(
     likelihood = jnp.where(data.overturned[:, None] > 0, probability, 1 - probability)
     logarithms = counts[:, None] * jnp.log(likelihood)
     # There are no more groups than tests. A group without tests has a likelihood of 1.
-    of_groups = jax.ops.segment_sum(logarithms, data.group, len(data.group))
+    grouped = jax.ops.segment_sum(logarithms, data.group, len(data.group))
     log_weights = jnp.log(points.node_weights)
-    return jnp.sum(jax.scipy.special.logsumexp(of_groups + log_weights[None, :], axis=1))
+    return jnp.sum(jax.scipy.special.logsumexp(grouped + log_weights[None, :], axis=1))

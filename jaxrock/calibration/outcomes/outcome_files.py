@@ -52,9 +52,9 @@ class Outcomes(Printed, eqx.Module):
     def __str__(self) -> str:
         count = len(self.suite)
         overturned = int(np.asarray(self.overturned).sum())
-        in_groups = f" in {len(set(self.groups))} groups" if self.groups else ""
+        grouping = f" in {len(set(self.groups))} groups" if self.groups else ""
         return (
-            f"{count} test{'s' * (count > 1)}{in_groups}: {overturned} overturned,"
+            f"{count} test{'s' * (count > 1)}{grouping}: {overturned} overturned,"
             f" {count - overturned} stood\n{self.suite}"
         )
 
@@ -135,7 +135,7 @@ def _make_names(names: Sequence[str], files: Sequence[str]) -> list[str]:
         stem = Path(file).stem
         numbered = (f"{stem} {number}" for number in itertools.count(2))
         taken = {*names, *made}
-        free = (each for each in itertools.chain([stem], numbered) if each not in taken)
+        free = (label for label in itertools.chain([stem], numbered) if label not in taken)
         made.append(name or next(free))
     return made
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from ...host import Printed, format_fields
 from ...validation import Reals
 
-# Of a block: a population is normal in ln(alpha_c), ln(p) and logit(C).
+# Parameters of a block: a population is normal in ln(alpha_c), ln(p) and logit(C).
 NAMES = ("critical_angle", "frequency_parameter", "restitution")
 UNITS = {"critical_angle": "rad", "frequency_parameter": "1/s"}
 FRACTIONS = ("restitution", "lapse")
@@ -64,8 +64,8 @@ class Population(Printed, eqx.Module):
         r21 = self.correlation_critical_angle_frequency_parameter
         r31 = self.correlation_critical_angle_restitution
         r32 = self.correlation_frequency_parameter_restitution
-        # Written out: a factorization would give NaN where rounding makes the matrix
-        # indefinite, as at a correlation of 1.
+        # The factor is written out: a factorization would give NaN where rounding makes the
+        # matrix indefinite, as at a correlation of 1.
         l22 = jnp.sqrt(jnp.maximum(1 - r21**2, 0))
         l32 = (r32 - r21 * r31) / l22
         l33 = jnp.sqrt(jnp.maximum(1 - r31**2 - l32**2, 0))
@@ -79,7 +79,7 @@ def make_population(unbounded: Population) -> Population:
     """Make the population of unbounded parameters; the last correlation is a partial one.
 
     The partial correlation of ln(p) and logit(C) at a given alpha_c may have any value,
-    whatever the other two are.
+    independent of the other two correlations.
     """
     values = {}
     for name, value in vars(unbounded).items():

@@ -1,9 +1,10 @@
 """The posterior of a population: its mode, and samples by importance.
 
-The curvature at the mode is that of a likelihood made from a finite sample of blocks, which is
-rough at small scales. It is taken from differences of the gradient, and gives the distribution
-(Laplace's approximation) from which populations are drawn. Each counts by its posterior density
-(importance sampling; Owen 2013, "Monte Carlo theory, methods and examples", section 9.2).
+The likelihood comes from a finite sample of blocks, and is rough at small scales. So its
+curvature at the mode is computed by differences of the gradient. It gives the distribution
+(Laplace's approximation) from which populations are drawn. Each is weighted by its posterior
+density (importance sampling; Owen 2013, "Monte Carlo theory, methods and examples", section
+9.2).
 """
 
 from typing import NamedTuple
@@ -21,24 +22,25 @@ from .likelihood import Points, TestData, compute_log_likelihood
 from .population import NAMES, Population, make_population
 from .prior import Prior
 
-# Length of the gradient, in standard deviations of the prior, at which a search has arrived, and
-# that at which its end is a mode: a posterior deviation of 1 is then wrong by this.
+# Lengths of the gradient, in standard deviations of the prior, at which a search ends, and
+# below which its result counts as a mode. For a posterior deviation of 1 the length is the
+# error of the mode.
 _ARRIVED = 1e-3
 _CONVERGED = 1e-2
-_STEP = 0.1  # of the differences, in standard deviations of the prior
-# Blocks are drawn from a distribution so much wider than a population and the uncertainty of its
-# medians.
+_STEP = 0.1  # step of the differences, in standard deviations of the prior
+# Blocks are drawn from a distribution wider by this factor than a population and the
+# uncertainty of its medians together.
 _WIDER_BLOCKS = 2.0
 _DRAWS = 2048  # a power of 2
 _AT_ONCE = 8  # populations whose weights of blocks are in memory together
-# The tails of the distribution of draws have to be wider than those of the posterior: degrees of
-# freedom of Student's distribution, and a factor on Laplace's standard deviations.
+# The distribution of draws needs wider tails than the posterior: degrees of freedom of
+# Student's distribution, and a factor on Laplace's standard deviations.
 _FREEDOM = 5.0
 _WIDER = 1.2
 
 
 class Evidence(NamedTuple):
-    """All that decides on a population: prior, sample of blocks, and tests."""
+    """The evidence on a population: prior, sample of blocks, and tests."""
 
     prior: Prior
     points: Points
@@ -60,7 +62,7 @@ class Posterior(NamedTuple):
     standard : ndarray, shape (draws, 11)
         Unbounded parameters, in standard deviations of the prior from its mean.
     weights : ndarray, shape (draws,)
-        With a sum of 1.
+        Their sum is 1.
     """
 
     standard: np.ndarray
@@ -68,7 +70,7 @@ class Posterior(NamedTuple):
 
     @property
     def variances(self) -> np.ndarray:
-        """Variances of the unbounded parameters, over those of the prior, shape (11,)."""
+        """Variances of the unbounded parameters, over the prior variances, shape (11,)."""
         centred = self.standard - self.weights @ self.standard
         return self.weights @ centred**2
 
@@ -129,15 +131,15 @@ def compute_covariance(mode: Mode, evidence: Evidence, counts: np.ndarray) -> np
     steps = _STEP * np.eye(mode.standard.size)
     curvature = [(compute_gradient(h) - compute_gradient(-h)) / (2 * _STEP) for h in steps]
     values, vectors = np.linalg.eigh(0.5 * (np.array(curvature) + np.transpose(curvature)))
-    # The prior alone has a curvature of 1: less is where the likelihood has no peak, of which
-    # the prior then says all.
+    # The prior alone has a curvature of 1. A smaller value means that the likelihood has no
+    # peak in this direction: then the prior decides alone.
     return (vectors / np.maximum(values, 1.0)) @ vectors.T
 
 
 def propose_blocks(
     mode: Mode, covariance: np.ndarray, prior: Prior
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Propose a normal distribution of the blocks that a population and its neighbours need.
+    """Propose a normal distribution of blocks for a population and its neighbours.
 
     Parameters
     ----------
@@ -151,12 +153,12 @@ def propose_blocks(
     mean, factor : ndarray, shape (3,), (3, 3)
         Of ln(alpha_c), ln(p) and logit(C): mean, and Cholesky factor of the covariance.
     """
-    mean, within = _compute_moments(as_array(mode.standard), prior)
+    mean, block_covariance = _compute_moments(as_array(mode.standard), prior)
     fields = list(vars(prior.width))
     medians = [fields.index(name) for name in NAMES]
     width = np.array([float(getattr(prior.width, name)) for name in NAMES])
-    of_medians = covariance[np.ix_(medians, medians)] * width * width[:, None]
-    factor = np.linalg.cholesky(np.asarray(within, float) + of_medians)
+    median_covariance = covariance[np.ix_(medians, medians)] * width * width[:, None]
+    factor = np.linalg.cholesky(np.asarray(block_covariance, float) + median_covariance)
     return np.asarray(mean, float), _WIDER_BLOCKS * factor
 
 
@@ -190,10 +192,10 @@ def sample_posterior(
     losses = _compute_losses(as_array(standard), evidence, as_array(counts))
     power = 0.5 * (_FREEDOM + mode.standard.size)
     log_density = -power * np.log1p(np.sum(student**2, axis=1) / _FREEDOM)
-    # NaN, where a population leaves all blocks behind: nothing is known of it.
+    # A density is NaN where a population is far from all blocks: its weight is 0.
     log_weights = np.nan_to_num(-np.asarray(losses, float) - log_density, nan=-np.inf)
     weights = np.exp(log_weights - logsumexp(log_weights))
-    # A draw of large weight would stand alone (truncated importance sampling, Ionides 2008,
-    # 10.1198/106186008X320456).
+    # Weights are truncated, so that no draw dominates (truncated importance sampling, Ionides
+    # 2008, 10.1198/106186008X320456).
     truncated = np.minimum(weights, _DRAWS**-0.5)
     return Posterior(standard, truncated / truncated.sum())

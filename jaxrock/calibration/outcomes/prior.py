@@ -24,11 +24,11 @@ from .population import FRACTIONS, NAMES, Population
 
 PriorLike = Block | FreeRockingFit | Mapping[str, tuple[float, float]]
 
-# Median, and standard deviation of the unbounded parameter. The medians are of objects of
-# laboratories, museums and the field, as long as nothing else is known. Within two standard
-# deviations: alpha_c of 0.05 to 0.8 rad, p of 1.2 to 13 1/s (half-diagonals of 0.04 to 5 m), C
-# of 0.45 to 0.95. The deviations are of tests of one object, whose contact with the ground
-# differs from test to test.
+# Median, and standard deviation of the unbounded parameter. The medians are typical of objects
+# in laboratories, museums and the field, and serve if nothing else is known. Within two
+# standard deviations: alpha_c of 0.05 to 0.8 rad, p of 1.2 to 13 1/s (half-diagonals of 0.04
+# to 5 m), C of 0.45 to 0.95. The deviations are typical of tests of one object, whose contact
+# with the ground varies.
 _USUAL = {
     "critical_angle": (0.2, 0.7),
     "frequency_parameter": (4.0, 0.6),
@@ -45,7 +45,7 @@ _USUAL = {
 # Coefficient of variation of alpha_c and p by the size of a block, whose edges are rounded and
 # whose base is uneven.
 _BY_SIZE = 0.05
-# Standard deviation of a parameter that is known exactly: a normal density needs some.
+# Standard deviation of a parameter that is known exactly: a normal density needs one above 0.
 _LEAST_WIDTH = 1e-3
 _DOMAINS = {
     "critical_angle": RIGHT_ANGLE,
@@ -62,7 +62,7 @@ class Prior(NamedTuple):
 
 
 def make_prior(prior: PriorLike | None) -> Prior:
-    """Make the prior of what is known of a block; see `fit_outcomes`.
+    """Make the prior from the known parameters of a block; see `fit_outcomes`.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _transform(name: str, value: float) -> float:
 
 
 def _list_known(prior: PriorLike | None) -> dict[str, tuple[float, float]]:
-    """List medians and coefficients of variation of what is known, by name."""
+    """List medians and coefficients of variation of known parameters, by name."""
     if prior is None:
         return {}
     if isinstance(prior, Block):

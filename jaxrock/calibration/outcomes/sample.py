@@ -1,7 +1,8 @@
-"""A sample of blocks from which all populations in question can be weighed, and its outcomes.
+"""A sample of blocks that serves all relevant populations by weights, and its outcomes.
 
-Scrambled Sobol points: some of the prior, the others of where populations fit the tests. Each
-counts by the density of the mixture of both (Owen and Zhou 2000, 10.1080/01621459.2000.10473909).
+The blocks are scrambled Sobol points, some from the prior, the others from populations that
+fit the tests. Each is weighted by the density of the mixture of both (Owen and Zhou 2000,
+10.1080/01621459.2000.10473909).
 """
 
 from collections.abc import Sequence
@@ -40,7 +41,7 @@ class NormalComponent(NamedTuple):
 
 
 class Simulator(NamedTuple):
-    """What simulated blocks have in common: g [m/s2], I_O / (m R^2) [-], side and equation."""
+    """Common properties of blocks: g [m/s2], I_O / (m R^2) [-], side and equation."""
 
     gravity: float
     inertia_ratio: float
@@ -66,8 +67,8 @@ class Simulator(NamedTuple):
             "gravity": np.asarray(self.gravity),
             "inertia_ratio": np.asarray(self.inertia_ratio),
         }
-        # In single precision, which is twice as fast. Of 250,880 motions on shaking tables 0.16 %
-        # end otherwise; overturning is 0.02 % more frequent.
+        # Single precision is twice as fast. Among 250,880 motions on shaking tables, it
+        # changes 0.16 % of the outcomes and makes overturning 0.02 % more frequent.
         block, restitution, suite = jax.tree.map(
             lambda leaf: np.asarray(leaf, np.float32),
             (block_of(parameters, self.one_sided), expit(coordinates[:, 2]), suite),

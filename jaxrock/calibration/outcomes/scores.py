@@ -8,7 +8,7 @@ from ...numerics import bound_probabilities
 # of the logarithm of the intensity. Weakly informative, as in Gelman, Jakulin, Pittau and Su
 # (2008, doi:10.1214/08-AOAS191): it keeps the curve finite where outcomes are separated.
 _PRIOR_DEVIATION = 5.0
-# Logarithms that differ by less are those of one intensity, but for rounding.
+# Smaller differences of logarithms are rounding of one intensity.
 _LEAST_DEVIATION = 1e-9
 
 
@@ -70,10 +70,10 @@ def compute_reliability(
     weights = (held_out / np.maximum(held_out.sum(axis=0), 1))[held_out]
     predicted = probability[held_out]
     happened = np.broadcast_to(overturned, probability.shape)[held_out]
-    # Quotients, not multiples of a width: 3/10 is the number 0.3, 3 * 0.1 is not.
+    # Edges are quotients, not multiples of a width: 3 / 10 is 0.3, but 3 * 0.1 is not.
     index = np.searchsorted(np.arange(1, bins) / bins, predicted, side="right")
     tests = np.bincount(index, weights, bins)
-    # Summed in the same order as `tests`: equal to it, without rounding, where all overturned.
+    # Summed in the same order as `tests`, so that both are exactly equal where all overturned.
     overturnings = np.bincount(index, weights * happened, bins)
     low, high = bound_probabilities(overturnings, tests, confidence)
     divisor = np.where(tests > 0, tests, np.nan)
@@ -115,7 +115,7 @@ def predict_by_intensity(
     deviation = logarithm[fitted].std()
     scale = deviation if deviation > _LEAST_DEVIATION else 1.0
     design = np.stack([np.ones(intensity.size), (logarithm - mean) / scale], axis=-1)
-    # Logits of what happened are those of overturning with this sign.
+    # With this sign, logits of overturning become logits of the observed outcomes.
     signed = np.where(overturned, 1.0, -1.0)[fitted, None] * design[fitted]
 
     def compute_loss(coefficients: np.ndarray) -> tuple[float, np.ndarray]:

@@ -1,8 +1,8 @@
 """Friction demand and normal force at the base, and their extremes within a step.
 
 Between the ends of a step rotation and velocity are interpolated (`Arc`), and the forces follow
-from the equation of motion. Most steps cannot change the extremes, as a few nodes show, and no
-more is computed for them.
+from the equation of motion. In most steps a few nodes show that the extremes cannot change,
+and nothing more is computed.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from ...numerics import pick_larger, pick_largest, pick_smaller
 from ...validation import Booleans, Integers, Reals
 from .solver_steps import Arc, Segment
 
-# Shares of a step at which the forces are computed.
+# Points of a step at which the forces are computed, as fractions of its length.
 _NODES = np.arange(9) / 8
 # Rounds over a step: at the nodes and at the vertices of both curves; then five that narrow down
 # the loss of contact, to 8^-5, which is 3e-5 of the step.
@@ -29,7 +29,7 @@ class ForceExtremes(NamedTuple):
 
     demand: Reals  # largest friction demand: horizontal over normal force
     normal: Reals  # smallest normal force
-    loss_time: Reals  # first time at which nothing presses any longer, inf before
+    loss_time: Reals  # first time without a normal force, inf before
 
     def combine(self, demand: Reals, normal: Reals, loss_time: Reals) -> "ForceExtremes":
         """Combine these extremes with others."""
@@ -41,21 +41,20 @@ class ForceExtremes(NamedTuple):
 
 
 def friction_demand(horizontal: Reals, normal: Reals) -> Reals:
-    """Friction demand: horizontal over normal force, inf where nothing presses."""
-    # A harmless divisor where the quotient is not used: NaN would get into derivatives.
+    """Friction demand: horizontal over normal force, inf without a normal force."""
+    # Where the quotient is not used, the divisor is 1: NaN would enter derivatives.
     presses = normal > 0
     return jnp.where(presses, jnp.abs(horizontal) / jnp.where(presses, normal, 1), jnp.inf)
 
 
 class _Round(NamedTuple):
-    """What is known after some rounds over the shares of a step."""
+    """The state after some rounds over the points of a step, as fractions of its length."""
 
     number: Integers
     extremes: Reals  # largest friction demand and smallest normal force, negative
-    shares: Reals  # (2, nodes): of the next round and, after the nodes, of the one behind it
-    bracket: (
-        Reals  # the share at which the loss of contact may begin, and the width from there
-    )
+    points: Reals  # (2, nodes): of the next round and the one after it
+    # Where the loss of contact may begin, and the width from there.
+    bracket: Reals
     matters: Booleans  # whether the step may change the extremes so far
 
 
@@ -92,8 +91,8 @@ def add_step(
         return counts & (state.number < jnp.where(state.matters, most, 1))
 
     def look(state: _Round) -> _Round:
-        number, before, (shares, following), bracket, matters = state
-        horizontal, normal = _compute_forces(segment, arc, shares)
+        number, before, (points, following), bracket, matters = state
+        horizontal, normal = _compute_forces(segment, arc, points)
         begins = number == 0
         # Not `max`: its derivative divides by the number of elements equal to the maximum, which
         # is 0 if XLA has recomputed them with different rounding.
@@ -110,16 +109,16 @@ def add_step(
         matters = jnp.where(begins, steeper | lighter, matters)
 
         first = jnp.argmin(jnp.maximum(normal, 0))
-        narrowed = jnp.stack([shares[jnp.maximum(first - 1, 0)], bracket[1] * nodes[1]])
+        narrowed = jnp.stack([points[jnp.maximum(first - 1, 0)], bracket[1] * nodes[1]])
         bracket = jnp.where(begins | (number >= _ROUNDS), narrowed, bracket)
         divided = bracket[0] + bracket[1] * nodes
-        shares = jax.lax.cond(
+        points = jax.lax.cond(
             begins & matters,
             lambda: _find_vertices(horizontal, normal),
             lambda: jnp.stack([jnp.where(number == 1, following, divided), following]),
         )
         largest = jnp.where(number < _ROUNDS, largest, before)
-        return _Round(number + 1, largest, shares, bracket, matters)
+        return _Round(number + 1, largest, points, bracket, matters)
 
     none = jnp.array([0, -jnp.inf], nodes.dtype)
     whole = jnp.array([0, 1], nodes.dtype)
@@ -133,7 +132,7 @@ def add_step(
 
 
 def _find_vertices(horizontal: Reals, normal: Reals) -> Reals:
-    """Find where parabolas through each three nodes are extreme: shares, of both forces."""
+    """Find the vertices of the parabolas through each three nodes, for both forces."""
     # The angle of the force is smooth where the normal force vanishes, the demand is not.
     curves = jnp.stack([jnp.arctan2(jnp.abs(horizontal), normal), normal])
     slope = 0.5 * (curves[:, 2:] - curves[:, :-2])
@@ -143,22 +142,23 @@ def _find_vertices(horizontal: Reals, normal: Reals) -> Reals:
     return nodes[None] + nodes[1] * jnp.pad(vertex, ((0, 0), (1, 1)))
 
 
-def _compute_forces(segment: Segment, arc: Arc, shares: Reals) -> tuple[Reals, Reals]:
-    """Compute horizontal and normal force over weight at shares of a step."""
-    # At the ends the states themselves, which rounding would not give back.
+def _compute_forces(segment: Segment, arc: Arc, points: Reals) -> tuple[Reals, Reals]:
+    """Compute horizontal and normal force, over the weight, at points of a step."""
+    # At both ends the states themselves are used: interpolation would round them.
     rotation, velocity = (
-        jnp.where(shares == 0, first, jnp.where(shares == 1, last, inside))
-        for first, last, inside in zip(arc.y, arc.last, arc.interpolate(shares), strict=True)
+        jnp.where(points == 0, first, jnp.where(points == 1, last, inside))
+        for first, last, inside in zip(arc.y, arc.last, arc.interpolate(points), strict=True)
     )
 
-    # The forces are mass times the acceleration of the centre of mass. That is at the distance
-    # R from the edge on which the block turns, with p^2 R / g = 3 / 4 for a rectangle, and in
-    # proportion to the inverse of the inertia for other blocks.
+    # The forces are mass times the acceleration of the centre of mass. The centre is at the
+    # distance R from the edge on which the block turns. For a rectangle p^2 R / g = 3 / 4; for
+    # other blocks it is inversely proportional to the inertia.
     equation = segment.equation
-    push, lift = segment.ground(arc.begin + shares * (arc.end - arc.begin))
+    push, lift = segment.ground(arc.begin + points * (arc.end - arc.begin))
     acceleration = equation.acceleration(rotation, push, lift)
     tilt = equation.critical_angle - rotation
-    # In this order, so that forces on a rectangle and their derivatives keep all bits.
+    # This order of operations keeps all bits of the forces on a rectangle and their
+    # derivatives.
     radius_over_g = (
         0.75 / equation.p_squared * (RECTANGLE_INERTIA_RATIO / equation.inertia_ratio)
     )

@@ -34,7 +34,7 @@ from .response import Events, Response
 from .solver_steps import Stepper
 from .uplift import UpliftTable
 
-# After so many events the response counts as stopped.
+# Number of events after which the response counts as stopped.
 _MAX_EVENTS = 2**22
 # Events for which the list has room, for each impact: more than the peak and the impact of a
 # bounce, since uplift, the critical angle and edges of the input are events too.
@@ -45,10 +45,10 @@ _Carry = tuple[State, _Lists]
 
 
 class FollowedMotion(NamedTuple):
-    """A response, with what the half-cycle map asks of it."""
+    """A response, with the last impact for the half-cycle map."""
 
     response: Response
-    last_impact: Reals  # its time, and the signed velocity just before it
+    last_impact: Reals  # time of the impact, and signed velocity just before it
 
 
 def follow_driven(
@@ -82,8 +82,8 @@ def follow_driven(
     #                   |                                    |   or an edge of the input
     # TOPPLED           | it lies on its side, for good      | the loop ends
     #
-    # It also ends at the end of the duration, with `until_first_impact` after one, and in
-    # failure.
+    # The loop also ends with the duration, after a failure and, with `until_first_impact`,
+    # after an impact.
     with guard_once():
         driven, valid = replace_invalid(driven)
         equation = Equation.of(driven.block, model)
@@ -103,13 +103,14 @@ def follow_driven(
     def take_turn(carry: _Carry) -> _Carry:
         before, lists = carry
         state = _step_to_event(integration, before)
-        # Logged outside of the branches of `_step_to_event`, which would copy the lists.
+        # Events are logged outside of the branches of `_step_to_event`, which would copy the
+        # lists.
         if max_impacts:
             lists = _log_event(before, state, lists, max_impacts)
         return state, lists
 
     first = _make_first_state(driven, equation, valid, with_forces)
-    # The last row of each list is for what has no place.
+    # The last row of each list takes entries beyond its end.
     max_events = _EVENTS_PER_IMPACT * max_impacts
     unknown = jnp.full((max_events + 1, 4), jnp.nan, dtype)
     begin = first, (unknown, unknown[: max_impacts + 1, :2])
@@ -136,17 +137,17 @@ follow_driven_jitted = eqx.filter_jit(
 def follow_concrete(driven: Driven, **options: object) -> FollowedMotion:
     """Follow a block of concrete numbers on a processor, as `follow_driven` does.
 
-    XLA makes one function of all. By itself it makes one of each small computation before and
-    after the loop, which would take it a third of the time of the first call.
+    XLA is told to make one function of the whole. By default it makes one of each small
+    computation before and after the loop, which takes a third of the time of the first call.
     """
     arrays, static = eqx.partition((driven, options), eqx.is_array)
 
     @jax.jit
     def follow(arrays: PyTree) -> tuple[FollowedMotion, PyTree]:
-        # The attributes are those of the call, not of what is in it.
+        # The attributes belong to the call, not to the operations inside.
         with set_xla_metadata(inlineable=None, xla_cpu_small_call=None):
             driven, options = eqx.combine(arrays, static)
-            # All arguments are returned as well: at one that is not used XLA breaks off.
+            # All arguments are returned as well: XLA fails on an argument that is not used.
             return follow_driven(driven, **options), arrays
 
     with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
@@ -190,7 +191,7 @@ def _log_event(before: State, state: State, lists: _Lists, max_impacts: int) -> 
     """Write an event to the list of events and, if it is an impact, to the list of impacts."""
     place = jnp.where(state.impacts > before.impacts, before.impacts, max_impacts)
     event = jnp.stack([state.time, state.side, state.rotation, state.velocity])
-    # A place beyond the end of a list is moved to its last row, which is cut off later.
+    # An index beyond the end of a list is moved to the last row, which is cut off later.
     update = jax.lax.dynamic_update_slice
     events = update(lists[0], event[None], (before.events, 0))
     return events, update(lists[1], state.last_impact[None], (place, 0))
@@ -204,7 +205,7 @@ def _make_response(
     status = jnp.where(state.balanced, Status.BALANCED, Status.COMPLETE)
     status = jnp.where(broken, Status.STOPPED, jnp.where(full, Status.LIST_FULL, status))
     good = valid & ~broken
-    # Without the rows for what had no place.
+    # The rows for entries beyond the end are left out.
     events, impacts = (rows[:-1] for rows in lists)
     overturned = good & ((state.phase == TOPPLED) | (state.margin < 0))
     demand, normal, loss = state.forces or (jnp.nan, jnp.nan, jnp.nan)
@@ -257,8 +258,8 @@ def _step_to_event(integration: Integration, before: State) -> State:
     )
     state = _add_saltation(integration, state, acts & ~begins)
     # The overturning criterion is read in the initial state, and again where the input ends:
-    # from then on energy says whether the block overturns. A block that topples before has its
-    # margin read there.
+    # from then on energy says whether the block overturns. If a block topples before that, its
+    # margin is read when it topples.
     input_end = pick_smaller(motion.end, driven.duration)
     reached = (state.time >= input_end) | (state.phase == TOPPLED)
     reads = begins | ((before.time < input_end) & reached)
@@ -275,15 +276,16 @@ def _wait(integration: Integration, state: State, stop: Reals) -> State:
     acts = integration.driven.motion.acts(state.time)
     lifted = lifted & acts
     until = jnp.where(lifted, time, stop)
-    # A block that is not lifted at once stays at rest, whatever derivatives its initial state
-    # has: these become 0, and no value changes. Else they are of the lifted side.
+    # A block that is not lifted at once stays at rest whatever its initial state: the
+    # derivatives of the state become 0, and no value changes. Otherwise they are taken on the
+    # lifted side.
     turns = jnp.where(until > state.time, 0, side * state.side)
     forces = state.forces
     if forces is not None:
         demand, normal = integration.uplifts.find_force_extremes(state.time, until, acts)
-        # Where nothing presses any longer, the input also lifts the block, which ends the wait.
+        # Where the normal force vanishes, the input also lifts the block, which ends the wait.
         loss_time = jax.lax.stop_gradient(jnp.where(normal > 0, jnp.inf, until))
-        # A block that the input lifts at once rotates from then on: none are added.
+        # A block that the input lifts at once does not wait: no forces at rest are added.
         waits = until > state.time
         added = forces.combine(demand, normal, loss_time)
         forces = jax.tree.map(lambda new, old: jnp.where(waits, new, old), added, forces)
@@ -325,12 +327,12 @@ def _add_saltation(integration: Integration, state: State, acted: Booleans) -> S
     duration = integration.driven.duration
     time = state.time
     near = motion.time_rounding(time)
-    # `next_kink` leaves out what is within rounding of its argument.
+    # `next_kink` skips kinks within rounding of its argument.
     kink = motion.next_kink(time - 2 * near)
     corner = jnp.where(kink <= time + near, kink, time)
     corner = jnp.where(~acted & (time == motion.start), motion.start, corner)
     corner = jnp.where(acted & (time == motion.end), motion.end, corner)
-    # Each line overrides the ones above: of corners that coincide the end of the duration
+    # Each line overrides the ones above: where corners coincide, the end of the duration
     # counts.
     corner = jnp.where(time >= duration, duration, corner)
     move = corner - time

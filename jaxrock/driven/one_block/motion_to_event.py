@@ -31,32 +31,32 @@ from .segment_integration import (
 from .solver_steps import Segment, Stepper, choose_first_step
 from .uplift import UpliftTable
 
-# Phases of the motion. The table in `follow_driven` says what each of them does next.
+# Phases of the motion. The table in `follow_driven` has the step that follows each of them.
 REST, RISING, FALLING, TOPPLED = range(4)
 
-# A block may rest only if all further bounces end within this share of `rtol` / p; see
+# A block may rest only if all further bounces end within this fraction of `rtol` / p; see
 # `_apply_event`.
 _REST_SHARE = 1e-3
-# The clock resolves a time of so many roundings.
+# Shortest time that the clock resolves, in units of its rounding.
 _RESOLVED = 8
 
 
 class State(NamedTuple):
-    """The motion up to an event, all of it on the side on which the block stands."""
+    """The motion up to an event, seen from the side on which the block stands."""
 
     time: Reals
     side: Reals  # +1 or -1
     rotation: Reals  # from the side on which it stands, 0 on the ground
     velocity: Reals  # positive away from the ground
     phase: Integers  # REST, RISING, FALLING or TOPPLED
-    events: Integers  # their number so far; the first one is the initial state
+    events: Integers  # number of events so far; the first one is the initial state
     impacts: Integers  # their number so far
     last_impact: Reals  # its time, and the signed velocity just before it
     peak: Reals  # largest rotation so far, to either side
     peak_time: Reals
     crossing: Reals  # time at which the block last passed the critical angle
     margin: Reals  # to overturning, of the last event at which it was read
-    forces: ForceExtremes | None  # None where nobody asks for them
+    forces: ForceExtremes | None  # None where forces are not asked for
     balanced: Booleans  # whether it has stood in balance for a time
     failed: Booleans
 
@@ -91,18 +91,18 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     beginning = choose_first_step(segment, stop - state.time, state.y, lifted)
     acceleration = beginning[0][1]
 
-    # The input may have jumped at this event. A block without velocity goes where it is
-    # accelerated now, whatever the event before made of it.
+    # The input may have jumped at this event. A block without velocity moves in the direction
+    # of its acceleration now, whatever its phase before.
     still = state.velocity == 0
     # `FALLING` on the ground: its peak was at rotation 0, and it rests.
-    on_ground = jnp.where(state.phase == FALLING, REST, state.phase)
-    down = jnp.where(state.rotation > 0, FALLING, on_ground)
+    grounded = jnp.where(state.phase == FALLING, REST, state.phase)
+    down = jnp.where(state.rotation > 0, FALLING, grounded)
     phase = jnp.where(still & (acceleration < 0), down, state.phase)
     phase = jnp.where(still & (acceleration > 0), RISING, phase)
-    # In balance the acceleration is exactly 0. Between two knots the input is monotone, so that
-    # it stays as it is if it is the same at the next knot: the block waits until then, and still
-    # ground does not change at all. Otherwise it begins to fall now, in the direction in which
-    # the input at the next knot pushes it.
+    # In balance the acceleration is exactly 0. Between two knots the input is monotone. So it
+    # is constant if it is the same at the next knot, as on ground at rest: the block waits
+    # until then. Otherwise the block begins to fall now, in the direction in which the input
+    # at the next knot pushes it.
     balanced = still & (state.rotation > 0) & (acceleration == 0)
     knot = integration.uplifts.next_knot(state.time, stop)
     later = jax.lax.stop_gradient(segment.accelerate(knot - state.time, state.rotation))
@@ -111,9 +111,9 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
     phase = jnp.where(balanced, jnp.where(later < 0, FALLING, RISING), phase)
     state = state._replace(phase=phase, balanced=state.balanced | waits)
 
-    # A block that has just been lifted has an acceleration of 0, up to rounding, which must
-    # not put it down again at once. One that leaves its balance begins as slowly. The
-    # rounding of the clock is added: a shorter time is no motion.
+    # A block that has just been lifted has an acceleration of 0, up to rounding, and rounding
+    # must not put it down again at once. A block that leaves its balance begins as slowly. The
+    # rounding of the clock is added, since no motion is shorter.
     grace = integration.uplifts.grace_time + _RESOLVED * motion.time_rounding(state.time)
     earliest = jnp.where(lifted | balanced, grace, 0)
     end = integrate_segment(
@@ -127,7 +127,7 @@ def move_to_event(integration: Integration, state: State, stop: Reals) -> State:
             equation=integration.equation,
             rising=phase == RISING,
             crossed=state.rotation >= integration.equation.critical_angle,
-            # In balance it does not move at all.
+            # In balance the block does not move at all.
             earliest=jnp.where(waits, jnp.inf, earliest),
         ),
         forces=state.forces,
@@ -182,7 +182,7 @@ def _apply_event(
     next_side = side_after_impact(equation.one_sided, before.side)
     motion = integration.driven.motion
 
-    # On the other side, and on the side that the block came from.
+    # First on the other side, then on the side that the block came from.
     sides = jnp.stack([next_side, before.side])
     segment = integration.begin_segment(time, sides, motion.acts(time))
     onward, back = jax.lax.stop_gradient(segment.accelerate(zero, zero))
@@ -195,8 +195,8 @@ def _apply_event(
     #   slow: v is within the tolerance of sqrt(2 d peak), with which the block would rise to
     #     the largest rotation that it has had, or
     #   unresolved: the time is so short that the clock does not see it.
-    # All that is dropped then is this velocity, even where the input lifts the block again
-    # meanwhile. Both sides are multiplied by (1 - C) d, which may be 0.
+    # Only this velocity is dropped then, even where the input lifts the block again meanwhile.
+    # Both sides of the conditions are multiplied by (1 - C) d, which may be 0.
     rtol, _ = integration.stepper.tolerances
     pressed = deceleration > 0
     lost = (1 - restitution) * jnp.where(pressed, deceleration, 1)

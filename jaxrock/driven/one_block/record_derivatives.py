@@ -10,7 +10,7 @@ from .. import Batch, follow_batch
 from ..scene import Driven
 from .response import Response
 
-# Steps of the batch end at each sample anyway: for this tolerance few are added.
+# Steps of the batch end at each sample anyway: this tolerance adds few.
 _TOLERANCE = 1e-12
 _SWEPT = "peak_rotation", "final_rotation", "final_velocity", "margin"
 
@@ -18,8 +18,8 @@ _SWEPT = "peak_rotation", "final_rotation", "final_velocity", "margin"
 def transpose_by_sweep(driven: Driven, response: Response) -> Response:
     """Give a response, which has derivatives in forward mode, reverse mode as well.
 
-    By the sweep of the batch, which solves the same equation. It goes back from the peak and
-    from the states at the end: of other answers reverse mode is refused.
+    Reverse mode uses the sweep of the batch, which solves the same equation. The sweep goes
+    back from the peak and from the final state: for other answers reverse mode is refused.
     """
 
     def get_swept(response: Any) -> list:

@@ -26,7 +26,7 @@ from .event_loop import follow_concrete, follow_driven_jitted
 from .response import Response
 
 _SOLVERS = "Tsit5", "Dopri5", "Dopri8"
-# Impacts that are listed outside of transformations; a motion with more is followed again.
+# Impacts that are listed outside of transformations; a motion with more is integrated again.
 _MAX_IMPACTS = 2048
 
 
@@ -127,8 +127,8 @@ def respond(  # noqa: PLR0913
     False 0
     """
     check_kind("block", block, Block)
-    parts = motion if isinstance(motion, list | tuple) else [motion]
-    many = any(isinstance(part, Suite | Motion) for part in parts)
+    motions = motion if isinstance(motion, list | tuple) else [motion]
+    many = any(isinstance(item, Suite | Motion) for item in motions)
     check_kind("motion", motion, Motion, hint="; respond_batch takes several" if many else "")
     duration = motion.end if duration is None else duration
     driven = Driven(block, restitution, motion, duration, rotation, velocity)
@@ -141,7 +141,7 @@ def respond(  # noqa: PLR0913
         raise ValueError(
             f"max_impacts must be a whole number from 0 on, got {describe(max_impacts)}"
         )
-    # Tolerances are arrays: with another one nothing is compiled anew.
+    # Tolerances are arrays: another value compiles nothing anew.
     settings = {
         "rtol": np.asarray(rtol, dtype),
         "atol": np.asarray(atol, dtype),
@@ -151,17 +151,18 @@ def respond(  # noqa: PLR0913
     # Motions of many shapes share one program; the response keeps the motion as it is.
     bucketed = driven.bucketed()
     concrete = not is_traced(driven)
-    on_processor = concrete and jax.default_backend() == "cpu"
-    follow = follow_concrete if on_processor else follow_driven_jitted
+    runs_on_cpu = concrete and jax.default_backend() == "cpu"
+    follow = follow_concrete if runs_on_cpu else follow_driven_jitted
     max_impacts = _MAX_IMPACTS if concrete else max_impacts
     with contextlib.ExitStack() as stack:
-        # Only where they are on: each change of the configuration compiles anew.
+        # Only checks that are on are switched off: each change of the configuration compiles
+        # anew.
         if jax.config.jax_debug_nans:
             stack.enter_context(jax.debug_nans(False))
         if jax.config.jax_check_tracer_leaks:
             stack.enter_context(jax.check_tracer_leaks(False))
         response = follow(bucketed, **settings, max_impacts=max_impacts).response
-        # Rarely needed: each length of the lists is a program of its own.
+        # This is rare: each length of the lists is a program of its own.
         while concrete and int(response.status) == Status.LIST_FULL:
             max_impacts *= 32
             response = follow(bucketed, **settings, max_impacts=max_impacts).response
@@ -170,7 +171,7 @@ def respond(  # noqa: PLR0913
 
 
 def _check_scalar(driven: Driven) -> None:
-    """Check that all is scalar but the samples of a record."""
+    """Check that everything is scalar except the samples of a record."""
     motion = driven.motion
     samples = (motion.acceleration, motion.vertical) if isinstance(motion, Record) else ()
     for name, tree in vars(driven).items():
@@ -183,12 +184,12 @@ def _choose_tolerances(
     rtol: float | None, atol: float | None, dtype: np.dtype
 ) -> tuple[float, float]:
     """Check the tolerances, and choose the ones that are not given."""
-    # No step can be sure of less than some units in the last place: the control would make
+    # No step is accurate to less than some units in the last place: the control would make
     # steps shorter and shorter.
     least = 20 * float(jnp.finfo(dtype).eps)
     for name, value in (("rtol", rtol), ("atol", atol)):
         if value is not None:
-            as_real(name, value)  # refuses what is no number; its array is traced under `jit`
+            as_real(name, value)  # only checks: its array is traced under `jit`
     rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
     atol = 1e-9 * rtol if atol is None else float(atol)
     if not least <= rtol < 1:
@@ -209,7 +210,7 @@ def _cut_lists(response: Response) -> Response:
 
     events = int(np.isfinite(response.events.time).sum())
     sizes = [int(response.impacts)] * 2 + [events] * 4
-    # In NumPy, which compiles nothing.
+    # NumPy compiles nothing.
     cut = [
         as_array(np.asarray(rows)[:n])
         for rows, n in zip(get_lists(response), sizes, strict=True)

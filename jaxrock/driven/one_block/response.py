@@ -1,7 +1,7 @@
 """The response of one block to a ground motion, and its history.
 
-A response keeps the state after every event. The history at some time is integrated from the
-last event before it, without a search for events.
+A response keeps the state after every event. The history at a time is integrated from the last
+event before it, without a search for events.
 """
 
 from typing import TYPE_CHECKING, ClassVar
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _TIMES = 512
 # Room for events in that program, at least, so that most responses share one.
 _EVENTS = 8192
-# Impacts slower than this share of the fastest one are tiny bounces.
+# Impacts slower than this fraction of the fastest one are tiny bounces.
 _TINY = 0.01
 
 
@@ -130,8 +130,8 @@ class Response(Shown, eqx.Module):
             )
         if is_traced((driven, events, times)):
             flat = times.astype(events.time.dtype).reshape(-1)
-            parts = _compute_history(driven, events, self.model, flat)
-            return parts[0].reshape(shape), parts[1].reshape(shape)
+            history = _compute_history(driven, events, self.model, flat)
+            return history[0].reshape(shape), history[1].reshape(shape)
 
         # Concrete times come in pieces of one length, and concrete events in lists of few
         # lengths, so that few programs are compiled; in NumPy, which compiles nothing.
@@ -210,8 +210,8 @@ class Response(Shown, eqx.Module):
         return "\n".join(lines)
 
     def _count_impacts(self) -> str:
-        """Say how many impacts there were, and how many of them were not tiny."""
-        # Bounces that die out are most of them: in number, not in what they do.
+        """Write how many impacts there were, and how many of them were not tiny."""
+        # Most impacts are bounces that die out: many in number, small in effect.
         count = int(self.impacts)
         impacts = f"{count:,} impact{'' if count == 1 else 's'}"
         speeds = abs(np.asarray(self.impact_velocities))
@@ -232,8 +232,8 @@ def _compute_history(
     Both are NaN before time 0 and after the duration.
     """
     equation = Equation.of(driven.block, model)
-    # A response does not keep its tolerance. This one is tighter than the default in float64;
-    # in float32 it is 100 eps, about the default.
+    # A response does not keep its tolerance. The tolerance here is tighter than the default in
+    # float64; in float32 it is 100 eps, about the default.
     stepper = Stepper("Tsit5", max(1e-9, 100 * float(jnp.finfo(times.dtype).eps)), 0.0)
     event_times = jnp.where(jnp.isnan(events.time), jnp.inf, events.time)
 
@@ -243,11 +243,11 @@ def _compute_history(
         index = jnp.maximum(jnp.searchsorted(event_times, time, side="right") - 1, 0)
         event = jax.tree.map(lambda part: part[index], events)
         lifted = (event.rotation == 0) & (event.velocity == 0)
-        # A block that has just been lifted is still on the ground: it moves if the next event
-        # finds it above.
+        # A block that has just been lifted is still on the ground: it moves if it is above the
+        # ground at the next event.
         following = events.rotation[jnp.minimum(index + 1, event_times.size - 1)]
         moves = ~lifted | (following > 0)
-        # A block in balance is still there at the next event.
+        # A block in balance is still in balance at the next event.
         moves = moves & ((event.velocity != 0) | (following != event.rotation))
         moves = moves & (event.rotation < TOPPLED_ROTATION) & (time > event.time)
         acts = driven.motion.acts(event.time)

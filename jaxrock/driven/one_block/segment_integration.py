@@ -26,20 +26,20 @@ from ..overturning_criterion import TOPPLED_ROTATION
 from .contact_forces import ForceExtremes, add_step
 from .solver_steps import Arc, Segment, Stepper, limit_step
 
-# How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; it
-# passes the critical angle; the time is over.
+# How a segment ends: the velocity vanishes; the rotation reaches pi / 2 or, falling, 0; the
+# rotation passes the critical angle; the time is over.
 PEAK, CONTACT, CRITICAL, STOP = range(4)
 
-# Steps of one segment, after which the response counts as stopped.
+# Number of steps of one segment after which the response counts as stopped.
 _MAX_STEPS = 2**20
 # Repetitions of the step in which a segment ends. The first one ends at the bracket, which is
 # nearly always close enough to the event.
 _REPETITIONS = 3
 # Relative width to which an event is bracketed on the interpolant.
 _BRACKET_WIDTH = 1e-6
-# Fraction of a step within which the Taylor polynomial from its end reaches an event. Relative
-# to a term that the tolerance has made small over the whole step, its remainder is this to the
-# fourth power; the remainder of second derivatives is this squared. `_OVERSHOOT` in
+# Fraction of a step within which the Taylor polynomial from its end reaches an event. Its
+# remainder is the fourth power of this fraction of a term that the tolerance has made small
+# over the whole step; the remainder of second derivatives is its square. `_OVERSHOOT` in
 # `solver_steps` is half of it, and has to be changed with it.
 _REACH = 2e-3
 # Within its reach, Newton's method takes these steps. The relative change of the slope on the
@@ -96,8 +96,8 @@ class SegmentState(NamedTuple):
     repetitions: Integers  # number of the repetition that comes next, 0 for a new step
     event: Integers  # `PEAK`, `CONTACT` or `CRITICAL` once one was found, else `STOP`
     done: Booleans
-    forces: ForceExtremes | None  # None where nobody asks for them
-    steps: Integers  # that have been tried
+    forces: ForceExtremes | None  # None where forces are not asked for
+    steps: Integers  # number of steps that have been tried
 
 
 def integrate_segment(
@@ -194,7 +194,7 @@ def _advance(
         detected = advances & (end > event_functions.earliest) & ended.any()
         advances = advances & ~detected
         event = jnp.where(detected | (before.repetitions == 1), jnp.argmin(values), event)
-        # The last repetition counts as it is.
+        # The last repetition counts wherever it ends.
         may_reach = repeats | (ended.sum() == 1)
         forced = before.repetitions >= _REPETITIONS
         reached, arc = jax.lax.cond(
@@ -220,7 +220,7 @@ def _advance(
         forces = add_step(forces, segment, arc, counts)
 
     # A kink of the input cuts steps short, and from a short step the controller proposes a
-    # short one. What it had proposed before the cut still holds.
+    # short one. Its proposal before the cut is kept.
     wanted = jnp.where(advances, jnp.maximum(next_length, before.wanted_length), next_length)
     step_end = limit_step(segment, length, elapsed, elapsed + wanted, y, rates[1])
     step_end = jnp.where(repeats | detected, bracket_end, step_end)
@@ -247,7 +247,7 @@ def _bracket_event(event_functions: EventFunctions, arc: Arc, misses: Booleans) 
 
     Only if `misses`: otherwise the end of the step is returned.
     """
-    # Derivatives of a bisection mean nothing; the refinements bring the right ones.
+    # A bisection has no meaningful derivatives; the refinements have the right ones.
     event_functions, arc = jax.lax.stop_gradient((event_functions, arc))
     limits = jnp.finfo(arc.end.dtype)
     # Below this time the relative width of a bracket would underflow: the loop would not end.
@@ -313,12 +313,12 @@ def _reach_event(
     # Rotation and velocity as polynomials in the time after the end, of the powers 1 to 4.
     rates = velocity, 0.5 * acceleration, jerk / 6, snap / 24
     velocity_rates = acceleration, 0.5 * jerk, snap / 6, jnp.zeros_like(end)
-    on_rotation, on_velocity = event_functions.weigh(event)
+    weight, rate_weight = event_functions.weigh(event)
     slope, bend, third, fourth = (
-        on_rotation * r + on_velocity * v for r, v in zip(rates, velocity_rates, strict=True)
+        weight * r + rate_weight * v for r, v in zip(rates, velocity_rates, strict=True)
     )
     value = values[event]
-    # A function that does not fall here has no event here: the end stands.
+    # A function that does not fall here has no event here: the end of the step is kept.
     falls = slope < 0
     steep = jnp.where(falls, slope, -1)
     newton = value / steep

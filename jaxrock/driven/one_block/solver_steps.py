@@ -68,8 +68,8 @@ class Arc(NamedTuple):
     last: Reals  # rotation and velocity at the end
     last_rates: Reals
 
-    def interpolate(self, share: Reals) -> tuple[Reals, Reals]:
-        """Interpolate rotation and velocity at shares of the step, by a quintic.
+    def interpolate(self, fraction: Reals) -> tuple[Reals, Reals]:
+        """Interpolate rotation and velocity at fractions of the step, by a quintic.
 
         It goes through the rotation, velocity and acceleration of both ends.
         """
@@ -88,10 +88,10 @@ class Arc(NamedTuple):
         third = 10 * excess - 4 * steeper + sharper
         fourth = -15 * excess + 7 * steeper - 2 * sharper
         fifth = 6 * excess - 3 * steeper + sharper
-        rotation, slope = fifth * share + fourth, fifth
+        rotation, slope = fifth * fraction + fourth, fifth
         for coefficient in (third, bend, drift, self.y[0]):
-            slope = slope * share + rotation
-            rotation = rotation * share + coefficient
+            slope = slope * fraction + rotation
+            rotation = rotation * fraction + coefficient
         return rotation, slope / jnp.where(step > 0, step, 1)
 
 
@@ -101,7 +101,7 @@ class Stepper:
     def __init__(self, method: str, rtol: Reals | float, atol: Reals | float):
         import diffrax  # which loads slowly
 
-        # The default way to run over the stages has no forward derivatives; "lax" has.
+        # The default loop over the stages has no forward derivatives; "lax" has them.
         self.solver = getattr(diffrax, method)(scan_kind="lax")
         self.term = diffrax.ODETerm(lambda t, y, segment: segment.field(t, y))
         self.tolerances = rtol, atol
@@ -121,8 +121,8 @@ class Stepper:
         scaled = error / (atol + rtol * jnp.maximum(jnp.abs(start), jnp.abs(last)))
         size = jnp.sqrt(jnp.mean(scaled**2))
         accepted = size < 1
-        # Of order 5 for Tsit5: what is rejected becomes shorter, the next one at most 10 times
-        # as long.
+        # The order is 5 for Tsit5. A rejected step is repeated shorter; the next step is at
+        # most 10 times as long.
         power = -1 / self.solver.error_order(self.term)
         factor = jnp.clip(
             0.9 * size**power, jnp.where(accepted, 1, 0.2), jnp.where(accepted, 10, 0.9)
@@ -138,16 +138,16 @@ def limit_step(
     begin, end, y, acceleration = jax.lax.stop_gradient((begin, end, y, acceleration))
 
     # Under a constant acceleration a block stops after abs(velocity / acceleration), and is
-    # back after twice that. A longer step could hide a peak and what comes after it: at both
-    # of its ends the event functions would be positive.
+    # back after twice that. A longer step could hide a peak and the motion after it: at both
+    # ends the event functions would be positive.
     slowing = y[1] * acceleration < 0
     braking = 2 * jnp.abs(y[1] / jnp.where(slowing, acceleration, 1))
     end = jnp.where(slowing, jnp.minimum(end, begin + braking), end)
 
-    # What lies within rounding of a kink is at the kink: a step that ends there, or a segment.
-    # Otherwise a step of the length of a rounding error would follow, or a step that begins at
-    # the kink with the slope of the interval before it, since a step that ends at a kink moves
-    # with it and another one does not. But a step that was rejected must become shorter.
+    # A step or segment that ends within rounding of a kink ends at the kink. Otherwise a step
+    # of the length of a rounding error would follow, or a step that begins at the kink with
+    # the slope of the interval before: only a step that ends at the kink moves with it. But a
+    # step that was rejected must become shorter.
     rounding = segment.motion.time_rounding(segment.origin + length)
     kink = segment.motion.next_kink(segment.origin + begin) - segment.origin
     stop = jnp.where((kink > begin) & (kink < length - rounding), kink, length)
@@ -160,11 +160,11 @@ def choose_first_step(
 ) -> tuple[Reals, Reals]:
     """Evaluate the rates where a segment begins, and choose the end of its first step.
 
-    It is at most a quarter of the arc, or just its end. Nor is it more than a twentieth of
-    1 / p, or half the time until the acceleration changes its sign. The acceleration of a block
-    that has just been lifted has no sign, up to rounding.
+    The step is at most a quarter of the arc, or ends just after the arc. It is at most a
+    twentieth of 1 / p, and half the time until the acceleration changes its sign. The
+    acceleration of a block that has just been lifted has no sign, up to rounding.
     """
-    # At most a twentieth of the block's own time, and no further than the input is smooth.
+    # At most a twentieth of 1 / p, and no further than the next kink of the input.
     fixed, longest, origin = jax.lax.stop_gradient((segment, length, segment.origin))
     step = jnp.minimum(longest, 0.05 / jnp.sqrt(fixed.equation.p_squared))
     kink = fixed.motion.next_kink(origin) - origin
@@ -174,18 +174,18 @@ def choose_first_step(
     first, middle, last = jax.lax.stop_gradient(accelerations)
     rotation, velocity = jax.lax.stop_gradient(y)
 
-    # If the acceleration changes its sign meanwhile, linearly, half the time until then.
+    # If a linear acceleration changes its sign meanwhile, half the time until then.
     changes_sign = (first * last < 0) & ~lifted
-    share = first / jnp.where(changes_sign, first - last, 1)
+    fraction = first / jnp.where(changes_sign, first - last, 1)
     jerk = (last - first) / jnp.where(step > 0, step, 1)
-    step = jnp.where(changes_sign, 0.5 * share * step, step)
+    step = jnp.where(changes_sign, 0.5 * fraction * step, step)
 
     # A bounce from the ground takes 2 velocity / acceleration: a quarter of that.
     largest = jnp.maximum(jnp.abs(first), jnp.abs(last))
     quarter = 0.5 * jnp.abs(velocity) / jnp.where(largest > 0, largest, 1)
     quarter = jnp.where((largest > 0) & (quarter > 0), quarter, jnp.inf)
     # Where the acceleration is linear in time, as under a record, the time of the peak or of
-    # the impact is known nearly exactly: a step that ends just behind it is the only one.
+    # the impact is known nearly exactly: one step that ends just after it suffices.
     linear = jnp.abs(2 * middle - first - last) <= _OVERSHOOT * largest
     arc = jnp.where(velocity > 0, _find_peak(velocity, first, jerk), jnp.inf)
     falls = (velocity <= 0) & (rotation > 0)

@@ -31,13 +31,13 @@ class UpliftTable(eqx.Module):
     def of(cls, equation: Equation, motion: Motion) -> "UpliftTable":
         """Make the table of a motion."""
         knots = motion.knots()
-        excess, _, demand, normal = _rest(equation, motion, knots)
-        # A knot behind the last one stands for none.
+        excess, _, demand, normal = _describe_rest(equation, motion, knots)
+        # The index after the last knot means that no knot lifts the block.
         indices = jnp.where(excess > 0, jnp.arange(knots.size), knots.size)
         next_lifting = jax.lax.cummin(indices, reverse=True)
-        # Little beside the block's own time and the time in which the input changes: in it a
-        # block that has just been lifted only rises, whatever rounding makes of it. Records
-        # are padded with knots at their end, which count for no interval.
+        # A time much shorter than 1 / p and than the changes of the input: during it a block
+        # that has just been lifted only rises, whatever rounding shows. Records are padded
+        # with knots at their end, which count for no interval.
         intervals = jnp.maximum(jnp.sum(knots < motion.end), 1).astype(knots.dtype)
         changes = (motion.end - motion.start) / intervals
         grace_time = 1e-6 * jnp.minimum(1 / jnp.sqrt(equation.p_squared), changes)
@@ -72,18 +72,18 @@ class UpliftTable(eqx.Module):
         lower = pick_larger(time, self.knots[before])
         length = self.knots[index] - lower
 
-        # The motion may lift already now: behind an edge of the input, or after an impact that
-        # left the block at rest.
-        excess_now, side_now, *_ = _rest(self.equation, self.motion, time)
-        at_once = excess_now > 0
+        # The input may lift the block at once: after an edge, or after an impact that left the
+        # block at rest.
+        excess_now, side_now, *_ = _describe_rest(self.equation, self.motion, time)
+        lifts_now = excess_now > 0
         excess_begin = jnp.where(lower > time, self.excess[before], excess_now)
-        is_inside = lifts & (excess_begin < 0) & ~at_once
+        is_inside = lifts & (excess_begin < 0) & ~lifts_now
 
-        def compute_excess(share: Reals) -> tuple[Reals, Reals]:
-            return _rest(self.equation, self.motion, lower + share * length)[:2]
+        def compute_excess(fraction: Reals) -> tuple[Reals, Reals]:
+            return _describe_rest(self.equation, self.motion, lower + fraction * length)[:2]
 
-        # In shares of the interval: halved down to rounding, then two steps of Newton's method,
-        # of which each makes one more derivative exact. The value is exact already.
+        # In fractions of the interval. Bisection down to rounding makes the value exact; then
+        # each of two steps of Newton's method makes one more derivative exact.
         bits = jnp.finfo(self.knots.dtype).nmant
         zero = jnp.zeros_like(lower)
 
@@ -95,19 +95,19 @@ class UpliftTable(eqx.Module):
                 compute_excess, (middle,), (jnp.ones_like(middle),), has_aux=True
             )
             move = jnp.where(slope > 0, value / jnp.where(slope > 0, slope, 1), 0)
-            # Where the input is all but flat, rounding makes the step long. It must not change
-            # the value then, but it still gives the derivative.
+            # Where the input is nearly flat, rounding makes the step long. The step must not
+            # change the value then, but it still gives the derivative.
             near = jnp.abs(move) <= 1e-3
             newton = middle - jnp.where(near, move, move - jax.lax.stop_gradient(move))
             below = value < 0
             begin = jnp.where(halves & below, middle, begin)
             return begin, jnp.where(halves, jnp.where(below, end, middle), newton), side
 
-        _, share, side = jax.lax.fori_loop(0, bits + 2, refine, (zero, zero + 1, side_now))
-        when = jnp.where(is_inside, lower + share * length, lower)
-        when = jnp.where(at_once, time, when)
-        lifted = (lifts | at_once) & (when < stop)
-        return lifted, when, jnp.where(at_once, side_now, side)
+        _, fraction, side = jax.lax.fori_loop(0, bits + 2, refine, (zero, zero + 1, side_now))
+        when = jnp.where(is_inside, lower + fraction * length, lower)
+        when = jnp.where(lifts_now, time, when)
+        lifted = (lifts | lifts_now) & (when < stop)
+        return lifted, when, jnp.where(lifts_now, side_now, side)
 
     def find_force_extremes(
         self, time: Reals, until: Reals, acts: Booleans
@@ -117,12 +117,12 @@ class UpliftTable(eqx.Module):
         They are sought at both times and at the knots between them. While the input does not
         act, the block presses with its weight.
         """
-        ends = jnp.stack([time, until])
-        _, _, demand, normal = _rest(self.equation, self.motion, ends)
+        limits = jnp.stack([time, until])
+        _, _, demand, normal = _describe_rest(self.equation, self.motion, limits)
         demand = pick_largest(jnp.where(acts, demand, 0))
         normal = -pick_largest(-jnp.where(acts, normal, 1))
-        # Which knots count has no derivative. There may be thousands of knots, of which a wait
-        # passes over few: a loop over these, not over all.
+        # The choice of knots has no derivative. A wait passes over few of perhaps thousands of
+        # knots: the loop is over these alone.
         first = _count_until(self.knots, time)
         behind = jnp.where(acts, _count_until(self.knots, until), 0)
 
@@ -142,10 +142,10 @@ def _count_until(knots: Reals, time: Reals) -> Integers:
     return jnp.searchsorted(*jax.lax.stop_gradient((knots, time)), side="right")
 
 
-# Jitted, so that it enters the program once for each shape of its arguments, however often it
-# is called.
+# Jitted, so that the function enters a program once for each shape of its arguments, however
+# often it is called.
 @jax.jit
-def _rest(
+def _describe_rest(
     equation: Equation, motion: Motion, time: Reals
 ) -> tuple[Reals, Reals, Reals, Reals]:
     """Describe a block at rest.
@@ -162,7 +162,7 @@ def _rest(
     push, lift = (a / equation.gravity for a in motion.value(time))
     side = jnp.where((push < 0) & (not equation.one_sided), -1, 1).astype(time.dtype)
     strength = side * push
-    # What pushes into a wall the wall carries.
+    # The wall carries a push into it.
     pushed = jnp.maximum(push, 0) if equation.one_sided else push
     demand = friction_demand(pushed, 1 + lift)
     return equation.uplift_excess(strength, lift), side, demand, 1 + lift
