@@ -132,7 +132,6 @@ def inventory(
     target_return_period: float | None = None,
     measure: Literal["pgv", "pga"] | None = None,
     no_required_width: bool = False,
-    elasticities: bool = False,
     model: ModelName = "nonlinear",
     suite_options: SuiteOptions = SuiteOptions(),
     output: FileOutput = FileOutput(),
@@ -167,9 +166,6 @@ def inventory(
         Peak ground velocity [m/s] or acceleration [m/s2]; by default the one of the hazard.
     no_required_width
         Leave out the search for the width that each object needs, which takes most of the time.
-    elasticities
-        Compute by how many per cent the rate of each object changes if its width, its height or
-        its restitution changes by 1 %.
     model
         Equation of motion.
     """
@@ -194,8 +190,9 @@ def inventory(
 
         if is_example:
             risk.write_example_inventory(files.folder)
-        asked = {"required_width": not no_required_width, "elasticities": elasticities}
-        assessed = risk.assess_inventory(objects, site, target, model=model, **asked)
+        assessed = risk.assess_inventory(
+            objects, site, target, required_width=not no_required_width, model=model
+        )
         name = _EXAMPLE_HAZARD if is_example else str(suite_options.hazard)
         assessed = assessed.assign_attrs(hazard=name)
         table = risk.tabulate_inventory(assessed)
@@ -204,12 +201,12 @@ def inventory(
             assessed, [(files.folder / "inventory.png").read_bytes()]
         )
         (files.folder / "inventory.html").write_text(page, encoding="utf-8")
-    lines = [risk.describe_inventory(assessed), *risk.list_remarks(assessed)]
+    text = risk.describe_inventory(assessed)
     if is_example:
-        lines.append(_NEXT_STEPS.format(*files.paths[-2:]))
+        text += _NEXT_STEPS.format(*files.paths[-2:])
     data = {"target": target, "measure": site.measure, "objects": list_rows(table)}
     data["levels"] = assessed.level.values.tolist()
-    return Answer("\n".join(lines), data, output, files.paths)
+    return Answer(text, data, output, files.paths)
 
 
 def _read_target(period: float) -> float:

@@ -1,15 +1,21 @@
-"""Hazard curves from files: what the head of a table states of levels and rates."""
+"""Hazard curves from files: what the head of a table states of levels and rates.
+
+OpenQuake's engine 3 has a line for each site, names the columns of levels ``poe-0.005``, and states
+measure, years and kind of curve in its first line (https://github.com/gem/oq-engine,
+openquake/calculators/export/hazard.py). USGS's nshmp-haz names them ``0.005``
+(https://github.com/usgs/nshmp-haz, HazardExport.java).
+"""
 
 import os
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from ..tables import (
     Column,
     Head,
+    Row,
     Table,
     TextFile,
     Unit,
@@ -21,7 +27,6 @@ from ..tables import (
 )
 from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, check
 from .hazard import HAZARD_MEASURES, Hazard, as_hazard_measure
-from .hazard_sites import CONVENTIONS, Curve, has_sites, read_site
 
 # Names of columns of levels, and the measure that each states.
 _MEASURES = {"pga": "pga", "ag": "pga", "pgv": "pgv", "vg": "pgv", "level": ""}
@@ -39,6 +44,15 @@ _EXPECTED = (
     "a line with columns such as 'pga [g]' or 'pgv [m/s]', and 'rate [1/yr]', 'return period"
     " [yr]' or 'probability in 50 years [%]',"
 )
+# OpenQuake and nshmp-haz have these units, which no field of theirs states.
+_CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
+_FIELD = re.compile(r"(kind|investigation_time|imt)='?([^',;\"]*)")
+_PREFIX = "poe-"
+_ABOUT_SITES = ("name", "custom site id", "site id", "lon", "lat", "depth", "vs30")
+_NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
+# Measure, statistic, unit of the levels, levels in SI, and their rates, return periods or
+# probabilities (kind) in a number of years.
+_Curve = tuple[str, str, Unit, np.ndarray, str, np.ndarray, float]
 
 
 def read_hazard(
@@ -104,36 +118,53 @@ def read_hazard(
     given = None if unit is None else parse_unit(unit)
     if given and given.dimension not in ("acceleration", "velocity"):
         raise ValueError(f"unit must be one like 'm/s', 'cm/s', 'm/s2' or 'g', got {unit!r}")
-    text = TextFile(Path(path))
-    table = Table(text, lambda heads: has_sites(heads) or _has_levels(heads), _EXPECTED)
-    if has_sites(table.heads):
-        curve = read_site(table, site, measure, given, statistic)
+    text = TextFile(path)
+    table = Table(text, lambda heads: _has_sites(heads) or _has_levels(heads), _EXPECTED)
+    if _has_sites(table.heads):
+        curve = _read_site(table, measure, given, statistic, site)
     elif site is not None:
         raise text.error(f"site goes with a table of several sites only, got {site}")
     else:
         curve = _read_levels(table, measure, given, statistic or "")
     try:
-        levels, rates = _convert(curve)
-        return Hazard(levels, rates, curve.measure, curve.statistic, curve.unit)
+        return _make_hazard(*curve)
     except ValueError as error:
         raise text.error(str(error)) from None
 
 
-def _convert(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
+def _make_hazard(
+    measure: str,
+    statistic: str,
+    unit: Unit,
+    levels: np.ndarray,
+    kind: str,
+    values: np.ndarray,
+    years: float,
+) -> Hazard:
     """Convert a curve to rising levels and their rates [1/yr]."""
-    rates = curve.values
-    if curve.kind == "return period":
-        rates = 1 / rates
-    elif curve.kind == "probability":
-        check("probability", rates, UNIT_INTERVAL)
+    rates = values
+    if kind == "return period":
+        rates = 1 / values
+    elif kind == "probability":
+        check("probability", values, UNIT_INTERVAL)
         with np.errstate(divide="ignore"):
-            rates = -np.log1p(-rates) / curve.years
+            rates = -np.log1p(-values) / years
     # Some tables begin with the highest level.
-    order = -1 if curve.levels[0] > curve.levels[-1] else 1
-    rates = rates[::order]
+    order = -1 if levels[0] > levels[-1] else 1
+    levels, rates = levels[::order], rates[::order]
     # The lowest levels may be certain to be exceeded, at no finite rate.
     first = int(np.argmax(rates < np.inf))
-    return curve.levels[::order][first:], rates[first:]
+    return Hazard(levels[first:], rates[first:], measure, statistic, unit.spelling)
+
+
+def _list_names(heads: Sequence[Head]) -> list[str]:
+    """List the names of columns; some versions of OpenQuake write their type behind a colon."""
+    return [head.name.lower().partition(":")[0] for head in heads]
+
+
+def _has_sites(heads: Sequence[Head]) -> bool:
+    """Return whether these are the heads of a table with a line for each site."""
+    return {"lon", "lat"} <= {*_list_names(heads)}
 
 
 def _has_levels(heads: Sequence[Head]) -> bool:
@@ -149,12 +180,12 @@ def _find_frequency(name: str) -> tuple[str, float] | None:
         years = as_number(match[3])
         return ("probability", years) if years else None
     kind = "return period" if name == "tr" else name
-    return (kind, 1.0) if kind in _FREQUENCIES and kind != "probability" else None
+    return (kind, 1.0) if kind in ("rate", "return period") else None
 
 
 def _read_levels(
     table: Table, measure: str | None, unit: Unit | None, statistic: str
-) -> Curve:
+) -> _Curve:
     """Read a table with a line for each level."""
     names = [head.name.lower() for head in table.heads]
     allowed = ("", *(HAZARD_MEASURES if measure is None else (measure,)))
@@ -169,11 +200,9 @@ def _read_levels(
         raise table.error(f"measure must be given, 'pga' or 'pgv', since {label} states none")
     stated = head.unit or unit
     if not stated:
-        example = CONVENTIONS[measure]
-        raise table.error(
-            f"unit must be given, such as {example!r}, since {label} states none"
-        )
-    if head.unit and unit and head.unit[1:] != unit[1:]:
+        example = f"unit must be given, such as {_CONVENTIONS[measure]!r}"
+        raise table.error(f"{example}, since {label} states none")
+    if unit and stated[1:] != unit[1:]:
         raise table.error(f"unit is {unit.spelling!r}, but the head states {label}")
     table.heads[level] = head._replace(unit=stated)
     kind, years = _find_frequency(names[frequency]) or ("", 0.0)
@@ -182,7 +211,7 @@ def _read_levels(
     columns = {names[level]: _LEVELS[measure], names[frequency]: _FREQUENCIES[kind]}
     values = read_columns(table, columns).values
     rows = (values[names[level]], kind, values[names[frequency]], years)
-    return Curve(measure, statistic, *rows, stated.spelling)
+    return (measure, statistic, stated, *rows)
 
 
 def _choose_column(table: Table, columns: Sequence[int], what: str) -> int:
@@ -191,3 +220,69 @@ def _choose_column(table: Table, columns: Sequence[int], what: str) -> int:
         heads = quote_names(head.label for head in table.heads)
         raise table.error(f"one column of {what} was expected, got {len(columns)} in {heads}")
     return columns[0]
+
+
+def _read_site(
+    table: Table,
+    measure: str | None,
+    unit: Unit | None,
+    statistic: str | None,
+    site: tuple[float | int, float | int] | None,
+) -> _Curve:
+    """Read the curve of a site from a table of OpenQuake or of nshmp-haz."""
+    text = table.text
+    names = _list_names(table.heads)
+    columns = [k for k, name in enumerate(names) if name not in _ABOUT_SITES]
+    is_openquake = any(names[k].startswith(_PREFIX) for k in columns)
+    prefix = _PREFIX if is_openquake else ""
+    levels = [as_number(names[k].removeprefix(prefix)) for k in columns]
+    for k, level in zip(columns, levels, strict=True):
+        if level is None or not names[k].startswith(prefix):
+            heads = f"columns of levels were expected, {prefix}0.1"
+            raise table.error(f"{heads}, got {quote_word(names[k])}")
+    fields = dict(_FIELD.findall(text.lines[0])) if is_openquake else {}
+    measure = _choose(table, "measure", measure, fields.get("imt", "").lower())
+    if measure not in _CONVENTIONS:
+        got = repr(measure) if measure else "none"
+        raise text.error(f"measure must be given, as 'pga' or 'pgv', got {got}")
+    statistic = _choose(table, "statistic", statistic, fields.get("kind", ""))
+    if statistic == "std":
+        raise text.error("standard deviations: take the mean or a quantile of the hazard")
+    stated = parse_unit(_CONVENTIONS[measure])
+    if (unit or stated)[1:] != stated[1:] or not (unit or is_openquake):
+        got = repr(unit.spelling) if unit else "none"
+        raise text.error(
+            f"unit must be given, {stated.spelling!r} as {measure} has it in such files, got {got}"
+        )
+    years = as_number(fields.get("investigation_time", "")) if is_openquake else 1.0
+    if years is None or not POSITIVE.contains(np.asarray(years)):
+        raise text.error("investigation_time must be stated in the first line, in years")
+    row = _choose_row(table, site, [names.index("lon"), names.index("lat")])
+    values = np.array([table.require_number(row, k) for k in columns])
+    kind = "probability" if is_openquake else "rate"
+    return measure, statistic, stated, stated.factor * np.array(levels), kind, values, years
+
+
+def _choose(table: Table, name: str, given: str | None, stated: str) -> str:
+    """Choose what the caller gives or a field states; if both do, they must agree."""
+    if given and stated and given != stated:
+        raise table.text.error(f"{name} is {given!r}, but the first line states {stated!r}")
+    return stated or given or ""
+
+
+def _choose_row(
+    table: Table, site: tuple[float | int, float | int] | None, columns: Sequence[int]
+) -> Row:
+    """Choose the line of the site, or the only one."""
+    places = np.array([[table.require_number(row, k) for k in columns] for row in table.rows])
+    near = np.ones(len(places), bool)
+    if site is not None:
+        near = np.isclose(places, site, rtol=0, atol=_NEAR).all(axis=1)
+    if near.sum() != 1:
+        listed = ", ".join(f"{lon:g} {lat:g}" for lon, lat in places[:5])
+        got = "none" if site is None else f"{site[0]:g} {site[1]:g}"
+        raise table.text.error(
+            f"site must be the longitude and latitude of one of its {len(places)} curves, such"
+            f" as {listed}, got {got}"
+        )
+    return table.rows[int(near.argmax())]

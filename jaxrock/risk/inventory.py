@@ -120,15 +120,11 @@ class Inventory(Printed, eqx.Module):
         objects = gather_objects(kind, read)
         number = objects[1].size
         self.names = tuple(map(str, names))
-        twice = [name for name in self.names if self.names.count(name) > 1]
-        if twice or isinstance(names, str) or objects[1].shape != (len(names),):
-            got = f"{twice[0]!r} twice" if twice else f"{names!r:.60}"
-            raise ValueError(f"names must differ, one for each of {number} objects, got {got}")
-        check(
-            "restitution",
-            np.where(walls, 0, read),
-            UNIT_INTERVAL,
-        )
+        if len({*names}) != len(names) or objects[1].shape != (len(names),):
+            raise ValueError(
+                f"names must differ, one for each of {number} objects, got {names!r:.60}"
+            )
+        check("restitution", np.where(walls, 0, read), UNIT_INTERVAL)
         self.block = jax.device_put(block_of(size_of(objects[0], "shape"), False))
         self.restitution = jnp.asarray(objects[1])
         columns = {
@@ -145,15 +141,13 @@ class Inventory(Printed, eqx.Module):
             # What cannot be drawn is refused here, before anything is computed.
             uncertain.draw(*objects)
         self.uncertain = uncertain
-        remarks = [""] * number if remarks is None else remarks
-        others = others or {}
-        for name, texts in {"remarks": remarks, **others}.items():
+        self.remarks = tuple([""] * number if remarks is None else remarks)
+        self.others = tuple((name, tuple(texts)) for name, texts in (others or {}).items())
+        for name, texts in (("remarks", self.remarks), *self.others):
             if len(texts) != number:
                 raise ValueError(
                     f"{name} must be one for each of {number} objects, got {len(texts)}"
                 )
-        self.remarks = tuple(map(str, remarks))
-        self.others = tuple((name, tuple(texts)) for name, texts in others.items())
 
     def __len__(self) -> int:
         return len(self.names)
@@ -167,11 +161,13 @@ def _read_each(
     name: str, value: Any, number: int, unit: str, domain: Domain | None
 ) -> np.ndarray:
     """Read a value for each object: numbers of a domain, or without one True and False."""
-    values = np.asarray(value if domain is None else as_real(name, value, unit=unit))
-    if domain is not None:
+    if domain is None:
+        values = np.asarray(value)
+        if values.dtype != bool:
+            raise ValueError(f"{name} must be True or False, got {describe(value)}")
+    else:
+        values = np.asarray(as_real(name, value, unit=unit))
         check(name, values, domain)
-    elif values.dtype != bool:
-        raise ValueError(f"{name} must be True or False, got {describe(value)}")
     if values.shape not in ((), (number,)):
         raise ValueError(
             f"{name} must be one, or one for each of {number} objects, got an array of shape"

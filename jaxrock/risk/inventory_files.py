@@ -130,11 +130,7 @@ def read_inventory(
         (restitution >= 0) | (one_sided & ~is_assumed),
         "width and height exchanged? If not, a restitution of at least 0 must be given",
     )
-    remarks = {
-        f"damping of its floor not given, {FLOOR_DAMPING:g} assumed": (
-            (period > 0) & np.isnan(damping)
-        ),
-    }
+    remark = f"damping of its floor not given, {FLOOR_DAMPING:g} assumed"
     coefficient = np.nan_to_num(values[_COEFFICIENT])
     uncertain = None
     if coefficient.any():
@@ -145,10 +141,7 @@ def read_inventory(
             block,
             restitution,
             uncertain,
-            [
-                "; ".join(words for words, rows in remarks.items() if rows[k])
-                for k in range(period.size)
-            ],
+            np.where((period > 0) & np.isnan(damping), remark, "").tolist(),
             one_sided=one_sided.tolist(),
             floor_period=period,
             floor_damping=_fill(damping, FLOOR_DAMPING),

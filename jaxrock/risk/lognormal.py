@@ -48,7 +48,7 @@ def fit_boundaries(table: OutcomeTable) -> list[LognormalFit]:
     _, objects, samples, _ = table.boundaries.shape
     part = 1 / (samples * table.directions)
     below = part * table.overturns_first.sum(axis=(0, 2))
-    above = part * (~table.overturned[..., -1]).sum(axis=(0, 2))
+    above = part * (~table.overturns_at(table.levels[-1:])[..., 0]).sum(axis=(0, 2))
     fits = []
     for k in range(objects):
         exists = np.isfinite(table.boundaries[:, k])

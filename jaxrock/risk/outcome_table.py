@@ -67,21 +67,15 @@ class OutcomeTable(NamedTuple):
         changes = library.where(library.isfinite(self.boundaries), signed, 0).sum(axis=-1)
         return changes + library.where(self.overturns_first, self.rates[0], 0)
 
-    @property
-    def overturned(self) -> AnyArray:
-        """Whether the object overturns at each level, (records, ..., levels)."""
-        along_levels = self.levels.reshape(*(1 for _ in self.boundaries.shape), -1)
+    def overturns_at(self, levels: AnyArray) -> AnyArray:
+        """Whether the object overturns at each of these levels, (records, ..., levels)."""
+        levels = levels.reshape(*(1 for _ in self.boundaries.shape), -1)
         at = self.boundaries[..., None]
         # NaN, where there is no boundary, is not below anything. A boundary that is a level is
         # below it where the object stands beyond.
-        stands_there = (at == along_levels) & ~self.begins[..., None]
-        below = ((at < along_levels) | stands_there).sum(axis=-2)
+        stands_there = (at == levels) & ~self.begins[..., None]
+        below = ((at < levels) | stands_there).sum(axis=-2)
         return (below % 2 == 1) != self.overturns_first[..., None]
-
-    def take(self, columns: slice) -> "OutcomeTable":
-        """Take a part of the last axis of samples."""
-        parts = {name: getattr(self, name)[:, :, columns] for name in self._fields[:6]}
-        return self._replace(**parts)
 
     def average(self, with_samples: bool = False) -> dict[str, AnyArray | np.generic]:
         """Average over the records, and before over the samples, if they are the last axis.
@@ -92,7 +86,7 @@ class OutcomeTable(NamedTuple):
         overturns_first = self.overturns_first
         # The bound has no derivative where no level is alone in its window.
         rates = jax.lax.stop_gradient(self.rates) if is_traced(self.rates) else self.rates
-        bound = bound_not_detected(self.overturned, rates, self.directions)
+        bound = bound_not_detected(self.overturns_at(self.levels), rates, self.directions)
         complete = self.complete & ~overturns_first
         if with_samples:
             # A bound for each sample, then the mean: samples of one record have the same windows,

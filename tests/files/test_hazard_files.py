@@ -102,15 +102,15 @@ REFUSED = [
     (SITES, {"site": (1, 2)}, ": site must be .* got 1 2"),
     (OPENQUAKE, PGV, ": measure is 'pgv', but the first line states 'pga'"),
     (OPENQUAKE, {"statistic": "max"}, ": statistic is 'max', but the first line states 'mean"),
-    (OPENQUAKE, {"unit": "m/s2"}, ": unit is 'm/s2', but pga is in g"),
-    (OPENQUAKE.replace("mean", "std"), {}, ": .* standard deviations: take the mean"),
+    (OPENQUAKE, {"unit": "m/s2"}, ": unit must be given, .g. as pga .* got .m/s2."),
+    (OPENQUAKE.replace("mean", "std"), {}, ": standard deviations: take the mean"),
     (OPENQUAKE.replace("PGA", "SA(0.3)"), {}, ": measure must be .* got 'sa.0.3.'"),
     (OPENQUAKE.replace("=50.0", "=0"), {}, ": investigation_time must be stated"),
     (OPENQUAKE.replace("8.123456E-01", "none"), {}, ", line 3: column 'poe-0.0137.*none'"),
     (OPENQUAKE.replace("8.123456E-01", "1.1"), {}, ": probability must be between 0 and 1"),
     (OPENQUAKE.replace("poe-0.0137000", "0.2~PGA"), {}, ", line 2: .* poe-0.1, got '0.2~pga'"),
     (NSHMP, {}, ": measure must be given, as 'pga' or 'pgv', got none"),
-    (NSHMP, PGV, ": unit must be given, 'g' for pga or 'cm/s' for pgv"),
+    (NSHMP, PGV, ": unit must be given, .cm/s. as pgv .* got none"),
 ]
 
 
