@@ -144,9 +144,9 @@ def inventory(
     columns are copied into inventory.csv.
     Objects against a wall have yes in a column one-sided. Objects on upper floors have a
     floor period [s] and optionally a floor damping. Give the hazard of the ground by --hazard.
-    For each object the command gives the uplift intensity, the probability and the rate of
-    overturning, and the width that it needs at this height: with it, and with any larger width,
-    the rate stays below the target. Where no restitution is given, the command computes the rate
+    For each object the command gives the uplift intensity, the rate of overturning, and the
+    width that it needs at this height: with it, and with any larger width, the rate stays below
+    the target. Where no restitution is given, the command computes the rate
     with a low and with a high one.
 
     Writes inventory.nc, inventory.csv, inventory.png and inventory.html, a page to print.
@@ -205,7 +205,6 @@ def inventory(
     if is_example:
         text += _NEXT_STEPS.format(*files.paths[-2:])
     data = {"target": target, "measure": site.measure, "objects": list_rows(table)}
-    data["levels"] = assessed.level.values.tolist()
     return Answer(text, data, output, files.paths)
 
 

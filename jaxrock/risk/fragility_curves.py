@@ -192,12 +192,10 @@ def describe_fragility(curves: "xarray.Dataset") -> str:
     low, high = curves.level.values[[0, -1]]
     names = curves.threshold.values.tolist()
     labels = [n if n in NAMED_THRESHOLDS else f"rotation ratio {n}" for n in names]
-    # The levels may not reach a median; uplift is located below them as well.
-    medians = [
-        x if x <= high and (name == "uplift" or x >= low) else "-"
-        for name, x in zip(names, curves["lognormal_median"].values.tolist(), strict=True)
-    ]
-    columns = {f"median{unit}": medians, "dispersion": curves["lognormal_dispersion"].values}
+    columns = {
+        f"median{unit}": curves["lognormal_median"].values,
+        "dispersion": curves["lognormal_dispersion"].values,
+    }
     number = curves.sizes["level"]
     title = (
         f"lognormal curves from {number} levels of {measure}, {low:.4g} to {high:.4g}{unit}"

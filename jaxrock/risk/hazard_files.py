@@ -2,8 +2,7 @@
 
 OpenQuake's engine 3 has a line for each site, names the columns of levels ``poe-0.005``, and states
 measure, years and kind of curve in its first line (https://github.com/gem/oq-engine,
-openquake/calculators/export/hazard.py). USGS's nshmp-haz names them ``0.005``
-(https://github.com/usgs/nshmp-haz, HazardExport.java).
+openquake/calculators/export/hazard.py).
 """
 
 import os
@@ -25,7 +24,7 @@ from ..tables import (
     quote_word,
     read_columns,
 )
-from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL, check
+from ..validation import NON_NEGATIVE, POSITIVE, UNIT_INTERVAL
 from .hazard import HAZARD_MEASURES, Hazard, as_hazard_measure
 
 # Names of columns of levels, and the measure that each states.
@@ -44,15 +43,14 @@ _EXPECTED = (
     "a line with columns such as 'pga [g]' or 'pgv [m/s]', and 'rate [1/yr]', 'return period"
     " [yr]' or 'probability in 50 years [%]',"
 )
-# OpenQuake and nshmp-haz have these units, which no field of theirs states.
+# OpenQuake has these units, which no field of its files states.
 _CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
 _FIELD = re.compile(r"(kind|investigation_time|imt)='?([^',;\"]*)")
 _PREFIX = "poe-"
-_ABOUT_SITES = ("name", "custom site id", "site id", "lon", "lat", "depth", "vs30")
+_ABOUT_SITES = ("custom site id", "lon", "lat", "depth", "vs30")
 _NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
-# Measure, statistic, unit of the levels, levels in SI, and their rates, return periods or
-# probabilities (kind) in a number of years.
-_Curve = tuple[str, str, Unit, np.ndarray, str, np.ndarray, float]
+# Measure, statistic, unit of the levels, levels in SI, and their rates [1/yr].
+_Curve = tuple[str, str, Unit, np.ndarray, np.ndarray]
 
 
 def read_hazard(
@@ -77,11 +75,9 @@ def read_hazard(
           in 50 years [%]`` (of any number of years; also ``probability of exceedance in`` or
           ``poe in``). Other columns are ignored.
         - OpenQuake's ``hazard_curve-mean-PGA_1.csv`` and the like, of engine 3.
-        - Curves of USGS's nshmp-haz, such as ``PGA/curves.csv``; `measure` and `unit` have to be
-          given. The values are assumed to be annual rates, the default of nshmp-haz.
     unit : str, optional
         Unit of the levels, where the head does not state it: ``"cm/s"``, ``"g"`` and so on,
-        as in `read_record`. OpenQuake and nshmp-haz have PGA in g and PGV in cm/s.
+        as in `read_record`. OpenQuake has PGA in g and PGV in cm/s.
     measure : {"pgv", "pga"}, optional
         The measure that the curve must have. It chooses a column if there are several, and is
         needed where the file states none: ``level [g]`` may be spectral acceleration.
@@ -95,7 +91,8 @@ def read_hazard(
     -------
     Hazard
         Levels in m/s or m/s2. A probability P in T years is converted to the rate
-        -ln(1 - P) / T. The lowest levels, where P is printed as 1, are left out.
+        -ln(1 - P) / T. The lowest levels, where P is printed as 1, are left out, and so are
+        the highest ones, where the rate is printed as 0.
 
     Raises
     ------
@@ -126,35 +123,18 @@ def read_hazard(
         raise text.error(f"site goes with a table of several sites only, got {site}")
     else:
         curve = _read_levels(table, measure, given, statistic or "")
+    measure, statistic, stated, levels, rates = curve
+    # Some tables begin with the highest level.
+    if levels[0] > levels[-1]:
+        levels, rates = levels[::-1], rates[::-1]
+    # The lowest levels may be certain to be exceeded, at no finite rate, and the rates of the
+    # highest ones are printed as 0: what is known ends before.
+    (known,) = np.nonzero((rates > 0) & (rates < np.inf))
+    kept = slice(known[0], known[-1] + 1) if known.size else slice(None)
     try:
-        return _make_hazard(*curve)
+        return Hazard(levels[kept], rates[kept], measure, statistic, stated.spelling)
     except ValueError as error:
         raise text.error(str(error)) from None
-
-
-def _make_hazard(
-    measure: str,
-    statistic: str,
-    unit: Unit,
-    levels: np.ndarray,
-    kind: str,
-    values: np.ndarray,
-    years: float,
-) -> Hazard:
-    """Convert a curve to rising levels and their rates [1/yr]."""
-    rates = values
-    if kind == "return period":
-        rates = 1 / values
-    elif kind == "probability":
-        check("probability", values, UNIT_INTERVAL)
-        with np.errstate(divide="ignore"):
-            rates = -np.log1p(-values) / years
-    # Some tables begin with the highest level.
-    order = -1 if levels[0] > levels[-1] else 1
-    levels, rates = levels[::order], rates[::order]
-    # The lowest levels may be certain to be exceeded, at no finite rate.
-    first = int(np.argmax(rates < np.inf))
-    return Hazard(levels[first:], rates[first:], measure, statistic, unit.spelling)
 
 
 def _list_names(heads: Sequence[Head]) -> list[str]:
@@ -190,36 +170,39 @@ def _read_levels(
     names = [head.name.lower() for head in table.heads]
     allowed = ("", *(HAZARD_MEASURES if measure is None else (measure,)))
     levels = [k for k, name in enumerate(names) if _MEASURES.get(name) in allowed]
-    level = _choose_column(table, levels, f"levels of {measure or 'pga or pgv'}")
-    often = [k for k, name in enumerate(names) if _find_frequency(name)]
-    frequency = _choose_column(table, often, "rates, return periods or probabilities")
+    frequencies = [k for k, name in enumerate(names) if _find_frequency(name)]
+    if len(levels) != 1 or len(frequencies) != 1:
+        heads = quote_names(head.label for head in table.heads)
+        expected = f"one column of levels of {measure or 'pga or pgv'}, and one of rates,"
+        raise table.error(f"{expected} return periods or probabilities, got {heads}")
+    level, frequency = levels[0], frequencies[0]
     head = table.heads[level]
     label = quote_word(head.label)
     measure = measure or _MEASURES[names[level]]
     if not measure:
         raise table.error(f"measure must be given, 'pga' or 'pgv', since {label} states none")
     stated = head.unit or unit
-    if not stated:
-        example = f"unit must be given, such as {_CONVENTIONS[measure]!r}"
-        raise table.error(f"{example}, since {label} states none")
-    if unit and stated[1:] != unit[1:]:
-        raise table.error(f"unit is {unit.spelling!r}, but the head states {label}")
+    if not stated or (unit and stated[1:] != unit[1:]):
+        got = f"got {unit.spelling!r}" if unit else "got none"
+        example = f"such as {_CONVENTIONS[measure]!r}"
+        raise table.error(f"unit must be given for {label}, {example}, {got}")
     table.heads[level] = head._replace(unit=stated)
     kind, years = _find_frequency(names[frequency]) or ("", 0.0)
     if kind == "probability" and not table.heads[frequency].unit:
         raise table.error(f"write {names[frequency]!r} with [%], or [-] for a fraction")
     columns = {names[level]: _LEVELS[measure], names[frequency]: _FREQUENCIES[kind]}
-    values = read_columns(table, columns).values
-    rows = (values[names[level]], kind, values[names[frequency]], years)
-    return (measure, statistic, stated, *rows)
+    in_si, values = read_columns(table, columns).values.values()
+    if kind == "probability":
+        values = _convert_probability(values, years)
+    elif kind == "return period":
+        values = 1 / values
+    return measure, statistic, stated, in_si, values
 
 
-def _choose_column(table: Table, columns: Sequence[int], what: str) -> int:
-    """Choose the only column of a kind."""
-    if len(columns) != 1:
-        heads = quote_names(head.label for head in table.heads)
-        raise table.error(f"one column of {what} was expected, got {len(columns)} in {heads}")
-    return columns[0]
+def _convert_probability(probability: np.ndarray, years: float) -> np.ndarray:
+    """Convert the probability in a number of years to a rate [1/yr]."""
+    with np.errstate(divide="ignore"):
+        return -np.log1p(-probability) / years
 
 
 def _read_site(
@@ -229,45 +212,36 @@ def _read_site(
     statistic: str | None,
     site: tuple[float | int, float | int] | None,
 ) -> _Curve:
-    """Read the curve of a site from a table of OpenQuake or of nshmp-haz."""
+    """Read the curve of a site from a table of OpenQuake."""
     text = table.text
     names = _list_names(table.heads)
     columns = [k for k, name in enumerate(names) if name not in _ABOUT_SITES]
-    is_openquake = any(names[k].startswith(_PREFIX) for k in columns)
-    prefix = _PREFIX if is_openquake else ""
-    levels = [as_number(names[k].removeprefix(prefix)) for k in columns]
-    for k, level in zip(columns, levels, strict=True):
-        if level is None or not names[k].startswith(prefix):
-            heads = f"columns of levels were expected, {prefix}0.1"
-            raise table.error(f"{heads}, got {quote_word(names[k])}")
-    fields = dict(_FIELD.findall(text.lines[0])) if is_openquake else {}
-    measure = _choose(table, "measure", measure, fields.get("imt", "").lower())
-    if measure not in _CONVENTIONS:
-        got = repr(measure) if measure else "none"
-        raise text.error(f"measure must be given, as 'pga' or 'pgv', got {got}")
-    statistic = _choose(table, "statistic", statistic, fields.get("kind", ""))
-    if statistic == "std":
-        raise text.error("standard deviations: take the mean or a quantile of the hazard")
-    stated = parse_unit(_CONVENTIONS[measure])
-    if (unit or stated)[1:] != stated[1:] or not (unit or is_openquake):
-        got = repr(unit.spelling) if unit else "none"
+    levels = [as_number(names[k].removeprefix(_PREFIX)) for k in columns]
+    for k, number in zip(columns, levels, strict=True):
+        if number is None or not names[k].startswith(_PREFIX):
+            got = quote_word(names[k])
+            raise table.error(f"columns of levels were expected, {_PREFIX}0.1, got {got}")
+    fields = dict(_FIELD.findall(text.lines[0].lower()))
+    years = as_number(fields.get("investigation_time", "")) or 0.0
+    stated = fields.get("imt", ""), fields.get("kind", "")
+    if stated[0] not in _CONVENTIONS or stated[1] == "std" or not years > 0:
         raise text.error(
-            f"unit must be given, {stated.spelling!r} as {measure} has it in such files, got {got}"
+            "its first line must state an investigation_time, an imt of PGA or PGV, and a kind"
+            f" that is no standard deviation, got {fields}"
         )
-    years = as_number(fields.get("investigation_time", "")) if is_openquake else 1.0
-    if years is None or not POSITIVE.contains(np.asarray(years)):
-        raise text.error("investigation_time must be stated in the first line, in years")
+    if (measure or stated[0], statistic or stated[1]) != stated:
+        raise text.error(f"the first line states {' '.join(stated)}, another one is given")
+    convention = parse_unit(_CONVENTIONS[stated[0]])
+    if unit and unit[1:] != convention[1:]:
+        raise text.error(
+            f"unit is {unit.spelling!r}, but {stated[0]} is in {convention.spelling}"
+        )
     row = _choose_row(table, site, [names.index("lon"), names.index("lat")])
     values = np.array([table.require_number(row, k) for k in columns])
-    kind = "probability" if is_openquake else "rate"
-    return measure, statistic, stated, stated.factor * np.array(levels), kind, values, years
-
-
-def _choose(table: Table, name: str, given: str | None, stated: str) -> str:
-    """Choose what the caller gives or a field states; if both do, they must agree."""
-    if given and stated and given != stated:
-        raise table.text.error(f"{name} is {given!r}, but the first line states {stated!r}")
-    return stated or given or ""
+    if not UNIT_INTERVAL.contains(values).all():
+        raise text.error("probabilities must be between 0 and 1", row.line)
+    rates = _convert_probability(values, years)
+    return *stated, convention, convention.factor * np.array(levels), rates
 
 
 def _choose_row(

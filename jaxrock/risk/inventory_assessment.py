@@ -10,7 +10,6 @@ from ..block import Block, block_of, size_of
 from ..ground_motion import choose_floor_step
 from ..host import show_progress
 from ..impact import compute_low_restitution
-from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Domain, as_real, check, check_kind
@@ -30,10 +29,6 @@ _TARGET = Domain(
     "greater than 0 and at most 1 per year, not in years", lambda x: (x > 0) & (x <= 1), 1e-3
 )
 _OVERTURNS_FIRST = "overturns at the lowest level of the site, so that the rate may be more"
-_CONFIDENCE = 0.95  # of the intervals of probabilities
-# Return periods in years of the levels for probabilities: those of codes, 10 % and 2 % in 50
-# years.
-_RETURN_PERIODS = (475.0, 2475.0)
 _RESOLUTION = 0.03  # relative, of required widths
 # Widths that are examined, over the present one, and over the height. A block wider than 1.5
 # times its height would need more than 1.5 g to be lifted.
@@ -70,7 +65,7 @@ def assess_inventory(
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
         ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
         ``restitution_assumed``, ``one_sided``; ``floor_period`` (0 on the ground floor),
-        ``floor_damping``, ``floor_participation``; ``uplift_intensity``, the median of the
+        ``floor_damping``; ``uplift_intensity``, the median of the
         lognormal curve of uplift; ``median`` and ``dispersion`` of the curve of overturning, the
         median NaN where the levels of the site do not reach it; ``rate`` of overturning with its
         ``standard_error`` (from record to record) and ``not_detected`` (see
@@ -80,15 +75,9 @@ def assess_inventory(
         ``rate_at_low_restitution``; ``need`` of width in words; a ``remark`` on what is
         exceptional. Over object and ``column`` there is a ``note``, if the inventory has others.
 
-        Over object and ``level``, those with return periods of 475 and 2,475 years where the
-        site reaches them, with its ``return_period``: the ``probability`` of overturning, with
-        its Clopper-Pearson interval ``probability_low`` to ``probability_high`` (95 %), which
-        assumes independent records.
-
         With `required_width`, ``required_width``, the width at this height from which on the
-        rate stays below the target, inf where there is none, and ``required_width_is_bound``
-        where even the narrowest width that was examined meets the target; NaN where the hazard
-        ends before the target.
+        rate stays below the target: half the present width where all widths that were examined
+        meet it, inf where none does, NaN where the hazard ends before the target.
 
     Raises
     ------
@@ -98,12 +87,12 @@ def assess_inventory(
 
     Notes
     -----
-    An object on a floor is assessed under ``site.suite.on_floor(period, damping,
-    participation)``, with steps of at most 1/30 of the period. Levels and the hazard are those
-    of the ground. A one-sided object is assessed under the suite in both directions.
+    An object on a floor is assessed under ``site.suite.on_floor(period, damping)``, with steps of
+    at most 1/30 of the period. Levels and the hazard are those of the ground. A one-sided object
+    is assessed under the suite in both directions.
 
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters count in the
-    rate and its errors, in the probabilities and in the lognormal curve of overturning. The
+    rate and its errors, and in the lognormal curve of overturning. The
     uplift intensity and the required width are computed with the medians, and so is the rate
     with the low end of an assumed restitution, 0.85 times the one that follows from size.
     Widths are examined from half the present width to the larger of twice the present width and
@@ -126,7 +115,6 @@ def assess_inventory(
     check_kind("site", site, Site)
     check("target", as_real("target", target), _TARGET)
     model = as_model(model)
-    reported = _choose_reported_levels(site)
     objects = gather_objects(inventory.block, inventory.restitution)
     samples = draw_objects(objects, inventory.uncertain)[:2]
     groups = [*_list_groups(inventory, site)]
@@ -134,7 +122,7 @@ def assess_inventory(
     for members, own_site in show_progress(groups, "groups of objects"):
         one_sided = bool(inventory.one_sided[members[0]])
         own, drawn = (_select(part, members, one_sided) for part in (objects, samples))
-        answer = _compute_rates(own, drawn, own_site, model, reported)
+        answer = _compute_rates(own, drawn, own_site, model)
         assumed = np.asarray(inventory.restitution_assumed)[members]
         answer |= _compute_low_rates(own, own_site, model, assumed)
         if required_width:
@@ -145,19 +133,19 @@ def assess_inventory(
         name: np.concatenate([answer[name] for answer in answers])[order]
         for name in answers[0]
     }
-    return make_inventory_dataset(inventory, site, target, model, reported, joined)
+    return make_inventory_dataset(inventory, site, target, model, joined)
 
 
 def _list_groups(inventory: Inventory, site: Site) -> Iterator[tuple[np.ndarray, Site]]:
     """List objects that feel the same motions, by their numbers, and the site of each group."""
     period = np.asarray(inventory.floor_period)
-    floor = np.stack([inventory.floor_damping, inventory.floor_participation])
-    motions = np.stack([inventory.one_sided, period, *np.where(period > 0, floor, 0)])
+    damping = np.where(period > 0, inventory.floor_damping, 0)
+    motions = np.stack([inventory.one_sided, period, damping])
     different, group = np.unique(motions, axis=1, return_inverse=True)
-    for k, (is_one_sided, period, *floor) in enumerate(different.T):
+    for k, (is_one_sided, period, damping) in enumerate(different.T):
         suite = site.suite
         if period:
-            suite = suite.on_floor(period, *floor, time_step=choose_floor_step(period))
+            suite = suite.on_floor(period, damping, time_step=choose_floor_step(period))
         if is_one_sided and suite.directions == 1:
             suite = suite.both_directions()
         own_site = Site(suite, site.hazard, site.measure, site.levels)
@@ -171,30 +159,28 @@ def _select(objects: Objects, members: np.ndarray, one_sided: bool) -> Objects:
 
 
 def _compute_rates(
-    objects: Objects, samples: Objects, site: Site, model: RockingModel, reported: np.ndarray
+    objects: Objects, samples: Objects, site: Site, model: RockingModel
 ) -> dict[str, np.ndarray]:
     """Compute rates and curves from the outcomes of the samples of each object."""
     table = compute_outcomes(*samples, site, model)
     means = table.average(with_samples=True)
     fits = fit_boundaries(table)
-    counts = table.overturns_at(reported).mean(axis=2).sum(axis=0) / table.directions
-    interval = bound_probabilities(counts, site.suite.recordings, _CONFIDENCE)
     factors = [uplift_factor(objects[0], record, model=model) for record in site.suite]
     lifted = np.stack(factors) * np.asarray(site.intensities)[:, None]
-    remarks = zip(
-        [f"lognormal curve: {fit.remark}" if fit.remark else "" for fit in fits],
-        np.where(np.asarray(means["overturns_first"]).any(axis=0), _OVERTURNS_FIRST, ""),
-        strict=True,
-    )
+    median = np.array([fit.median for fit in fits])
+    reached = (median >= table.levels[0]) & (median <= table.levels[-1])
+    overturns_first = np.asarray(means["overturns_first"]).any(axis=0)
+    remarks = [
+        [f"lognormal curve: {fit.remark}"] * bool(fit.remark)
+        + [_OVERTURNS_FIRST] * bool(first)
+        for fit, first in zip(fits, overturns_first, strict=True)
+    ]
     return {
         "uplift_intensity": np.exp(np.log(lifted).mean(axis=0)),
-        "median": np.array([fit.median_within(site.levels) for fit in fits]),
+        "median": np.where(reached, median, np.nan),
         "dispersion": np.array([fit.dispersion for fit in fits]),
-        "probability": counts / site.suite.recordings,
-        "probability_low": interval[0],
-        "probability_high": interval[1],
         **{name: means[name] for name in ("rate", "standard_error", "not_detected")},
-        "remark": np.array(["; ".join(filter(None, texts)) for texts in remarks]),
+        "remark": np.array(["; ".join(texts) for texts in remarks]),
     }
 
 
@@ -224,19 +210,4 @@ def _search_widths(
         model=model,
         resolution=_RESOLUTION,
     )
-    value = np.asarray(required.value)
-    return {
-        "required_width": value,
-        "required_width_is_bound": np.isfinite(value) & (np.asarray(required.count) == 0),
-    }
-
-
-def _choose_reported_levels(site: Site) -> np.ndarray:
-    """Choose the levels for probabilities: those of codes that the site reaches."""
-    rates = np.asarray(site.hazard.rates, float)
-    rates = rates[rates > 0]
-    often, seldom = np.asarray(site.rates, float)[[0, -1]]
-    wanted = 1 / np.array(_RETURN_PERIODS)
-    wanted = wanted[(wanted <= often) & (wanted >= max(seldom, rates[-1]))]
-    logarithms = np.log(np.asarray(site.hazard.levels, float)[: rates.size])
-    return np.exp(np.interp(-np.log(wanted), -np.log(rates), logarithms))
+    return {"required_width": np.asarray(required.value)}

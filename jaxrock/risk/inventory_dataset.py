@@ -9,7 +9,7 @@ from ..block import size_of
 from ..ground_motion import MEASURES, describe_suite
 from ..host import add_names, format_table, make_dataset
 from ..resonance import RockingModel
-from .fragility_curves import MEASURE_UNIT, describe_variable, label_variables
+from .fragility_curves import MEASURE_UNIT, label_variables
 from .hazard import describe_end, write_years
 from .inventory import Inventory
 from .site import Site
@@ -25,7 +25,6 @@ _VARIABLES: dict[str, tuple[str, str, str]] = {
     "one_sided": ("object", "whether it stands against a wall", ""),
     "floor_period": ("object", "period of its floor, 0 on the ground floor", "s"),
     "floor_damping": ("object", "damping ratio of its floor", "1"),
-    "floor_participation": ("object", "participation of the mode of its floor", "1"),
     "width": ("object", "width of the base", "m"),
     "height": ("object", "height, twice the height of the centre of mass", "m"),
     "inertia_ratio": ("object", "inertia ratio", "1"),
@@ -36,15 +35,11 @@ _VARIABLES: dict[str, tuple[str, str, str]] = {
     "uplift_intensity": ("object", "median of the lognormal curve of uplift", MEASURE_UNIT),
     "median": ("object", "median of the lognormal curve of overturning", MEASURE_UNIT),
     "dispersion": ("object", "dispersion of the curve: deviation of ln(level)", "1"),
-    "probability": ("object level", "probability of overturning at this level", "1"),
-    "probability_low": ("object level", "lower end of its Clopper-Pearson interval", "1"),
-    "probability_high": ("object level", "upper end of its Clopper-Pearson interval", "1"),
     "rate": ("object", "rate of overturning", "1/yr"),
     "rate_at_low_restitution": ("object", "rate with the low restitution", "1/yr"),
     "standard_error": ("object", "standard error of the rate, over the records", "1/yr"),
     "not_detected": ("object", "bound of undetected windows and the last level", "1/yr"),
     "required_width": ("object", "width beyond which the target is met, same height", "m"),
-    "required_width_is_bound": ("object", "whether a smaller width may suffice", ""),
     "probability_in_50_years": ("object", "probability of overturning in 50 years", "1"),
     "verdict": ("object", "whether it meets the target, where that is known", ""),
     "need": ("object", "change of width that the target needs, in words", ""),
@@ -58,27 +53,14 @@ def make_inventory_dataset(
     site: Site,
     target: float,
     model: RockingModel,
-    reported: np.ndarray,
     answers: dict[str, np.ndarray],
 ) -> "xarray.Dataset":
     """Make the dataset of the answers, ranked by rate; see `assess_inventory`."""
-    measure_name, unit, _ = MEASURES[site.measure]
-    remarks = zip(inventory.remarks, answers["remark"], strict=True)
     answers = {**_describe_objects(inventory), **answers}
-    answers["remark"] = np.array(["; ".join(filter(None, texts)) for texts in remarks])
     answers |= _judge_rates(answers, target)
     order = np.argsort(-answers["rate"], kind="stable")
-    ranked = {name: values[order] for name, values in answers.items()}
-    inside = reported.clip(*np.asarray(site.hazard.levels)[[0, -1]])
-    periods = 1 / np.asarray(site.hazard(inside))
-    written = [site.hazard.write_level(level, unit) for level in reported.tolist()]
-    return_period = describe_variable("return period of the level", "yr")
-    coordinates = {
-        "level": ("level", reported, describe_variable(measure_name, unit)),
-        "return_period": ("level", periods, return_period),
-        "written": ("level", written, {"long_name": "level in the unit of the hazard"}),
-        "rank": ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"}),
-    }
+    ranked = {name: answers[name][order] for name in _VARIABLES if name in answers}
+    rank = ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"})
     attributes = {
         "measure": site.measure,
         "target": float(target),
@@ -91,8 +73,8 @@ def make_inventory_dataset(
         **({"uncertain": str(inventory.uncertain)} if inventory.uncertain else {}),
     }
     title = "Inventory of objects, ranked by the rate of overturning"
-    variables = label_variables(_VARIABLES, ranked, unit)
-    dataset = make_dataset(title, variables, coordinates, attributes)
+    variables = label_variables(_VARIABLES, ranked, MEASURES[site.measure][1])
+    dataset = make_dataset(title, variables, {"rank": rank}, attributes)
     names = {"object": ([inventory.names[k] for k in order], "object")}
     if inventory.others:
         names["column"] = ([name for name, _ in inventory.others], "column of the table")
@@ -109,7 +91,6 @@ def _describe_objects(inventory: Inventory) -> dict[str, np.ndarray]:
         **{name: sizes[name] for name in ("width", "height", "inertia_ratio")},
         "coefficient_of_variation": coefficients.get("restitution", 0.0),
         "floor_damping": np.where(period > 0, inventory.floor_damping, np.nan),
-        "floor_participation": np.where(period > 0, inventory.floor_participation, np.nan),
     }
     for name in ("one_sided", "floor_period", "restitution", "restitution_assumed"):
         known[name] = getattr(inventory, name)
@@ -172,7 +153,7 @@ def describe_place(answer: "xarray.Dataset") -> str:
 
 
 def tabulate_inventory(assessed: "xarray.Dataset") -> dict[str, list[Any]]:
-    """List the columns of an assessed inventory, with a column for each level and note."""
+    """List the columns of an assessed inventory, with a column for each note."""
     columns: dict[str, list[Any]] = {
         "rank": assessed["rank"].values.tolist(),
         "name": assessed.object.values.tolist(),
@@ -181,10 +162,8 @@ def tabulate_inventory(assessed: "xarray.Dataset") -> dict[str, list[Any]]:
         if variable.ndim == 1:
             columns[str(name)] = variable.values.tolist()
             continue
-        is_note = name == "note"
-        labels = assessed["column" if is_note else "written"].values
-        for label, values in zip(labels, variable.values.T, strict=True):
-            columns[f"{name}{': ' if is_note else ' at '}{label}"] = values.tolist()
+        for label, values in zip(assessed.column.values, variable.values.T, strict=True):
+            columns[f"{name}: {label}"] = values.tolist()
     return columns
 
 
@@ -195,11 +174,7 @@ def describe_inventory(assessed: "xarray.Dataset") -> str:
     columns: dict[str, Any] = {
         "width [m]": assessed.width.values,
         "height [m]": assessed.height.values,
-        "restitution": [
-            f"{float(one.restitution):.3f}{' assumed' * bool(one.restitution_assumed)}"
-            for one in objects
-        ],
-        f"uplift [{unit}]": assessed.uplift_intensity.values,
+        "restitution": assessed.restitution.values,
         f"median [{unit}]": assessed["median"].values,
         "rate [1/yr]": assessed.rate.values,
         "std. error": assessed.standard_error.values,
@@ -212,22 +187,23 @@ def describe_inventory(assessed: "xarray.Dataset") -> str:
         f" than once in {write_years(1 / assessed.attrs['target'])} years, under"
         f" {name_records(assessed)}; {assessed.attrs['hazard_curve']}"
     )
-    table = format_table(title, assessed.object.values.tolist(), **columns)
+    names = assessed.object.values
+    lines = [format_table(title, names.tolist(), **columns), *list_remarks(assessed)]
     if assessed.restitution_assumed.any():
-        table += "\nassumed restitutions follow from the size; once in: with them and low ones"
-    return "\n".join([table, *list_remarks(assessed)])
+        listed = ", ".join(names[assessed.restitution_assumed.values])
+        lines.append(
+            f"restitution assumed, from the size; once in with it and a low one: {listed}"
+        )
+    return "\n".join(lines)
 
 
 def list_remarks(assessed: "xarray.Dataset") -> list[str]:
-    """List what is exceptional about objects: a remark on several once, with their names."""
-    names_by_remark: dict[str, list[str]] = {}
-    for answer in (assessed.isel(object=k) for k in range(assessed.object.size)):
-        remarks = answer.remark.item().split("; ")
-        if answer.need.item().endswith(NOT_KNOWN):
-            remarks.append(f"{answer.need.item()}: {explain_unknown(assessed)}")
-        for remark in filter(None, remarks):
-            names_by_remark.setdefault(remark, []).append(answer.object.item())
-    return [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]
+    """List what is exceptional about objects, and why it is not known what some need."""
+    pairs = zip(assessed.object.values, assessed.remark.values, strict=True)
+    lines = [f"{name}: {remark}" for name, remark in pairs if remark]
+    if any(need.endswith(NOT_KNOWN) for need in assessed.need.values):
+        lines.append(f"{NOT_KNOWN}: {explain_unknown(assessed)}")
+    return lines
 
 
 def explain_unknown(assessed: "xarray.Dataset") -> str:

@@ -11,7 +11,7 @@ from ..ground_motion import FLOOR_DAMPING, FLOOR_PERIOD
 from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size
 from ..sensitivity import Uncertain
 from ..tables import Column, read_table
-from ..validation import AT_LEAST_ONE, BELOW_ONE, FINITE, NON_NEGATIVE, POSITIVE, Domain
+from ..validation import AT_LEAST_ONE, BELOW_ONE, NON_NEGATIVE, POSITIVE, Domain
 from .hazard import Hazard
 from .hazard_files import read_hazard
 from .inventory import Inventory
@@ -41,7 +41,6 @@ _COLUMNS = {
     "floor period": Column("time", FLOOR_PERIOD),
     # Above critical damping (1) the number is one of per cent.
     "floor damping": Column("ratio", BELOW_ONE),
-    "floor participation": Column("ratio", FINITE),
 }
 
 
@@ -71,8 +70,7 @@ def read_inventory(
         angles to the wall; it has no depth. Its restitution may be negative; if it is
         missing, `one_sided_restitution` gives it. An object on an upper floor has a ``floor
         period``, at most 20 s; without one, or with 0, it stands on the ground floor. It may
-        have a ``floor damping``, 0.05 if it is missing, and a ``floor participation`` of the
-        mode, 1 if it is missing.
+        have a ``floor damping``, 0.05 if it is missing.
 
         Lengths are in m, cm, mm, in or ft, periods in s or ms; ratios are numbers, or in % if
         their heads state it. All other columns are kept as words, in ``others``.
@@ -110,11 +108,9 @@ def read_inventory(
         "a one-sided object must have no depth: its width is at right angles to the wall",
     )
     damping = values["floor damping"]
-    participation = values["floor participation"]
     period = np.nan_to_num(values["floor period"])
     contents.require(
-        (np.isnan(damping) & np.isnan(participation)) | (period > 0),
-        "a floor damping or participation goes with a floor period",
+        np.isnan(damping) | (period > 0), "a floor damping goes with a floor period"
     )
     # The shorter side of the base is the width: over the longer one it is harder to overturn.
     sizes = {
@@ -130,7 +126,6 @@ def read_inventory(
         (restitution >= 0) | (one_sided & ~is_assumed),
         "width and height exchanged? If not, a restitution of at least 0 must be given",
     )
-    remark = f"damping of its floor not given, {FLOOR_DAMPING:g} assumed"
     coefficient = np.nan_to_num(values[_COEFFICIENT])
     uncertain = None
     if coefficient.any():
@@ -141,11 +136,9 @@ def read_inventory(
             block,
             restitution,
             uncertain,
-            np.where((period > 0) & np.isnan(damping), remark, "").tolist(),
             one_sided=one_sided.tolist(),
             floor_period=period,
             floor_damping=_fill(damping, FLOOR_DAMPING),
-            floor_participation=_fill(participation, 1.0),
             restitution_assumed=is_assumed.tolist(),
             others=contents.others,
         )

@@ -50,7 +50,6 @@ def write_inventory_page(
     str
         The page: what to do first, a row for each object, then pictures and details.
     """
-    levels = zip(dataset.written.values, dataset.return_period.values, strict=True)
     texts = dataset.attrs | {
         "title": title or f"Objects in earthquakes: {dataset.object.size}",
         "date": datetime.date.today(),
@@ -60,7 +59,6 @@ def write_inventory_page(
         "first": _write_first_sentence(dataset),
         "measure": MEASURES[dataset.attrs["measure"]][0],
         "unit": MEASURES[dataset.attrs["measure"]][1],
-        "levels": "; ".join(f"{level}, {write_years(years)} years" for level, years in levels),
         "remarks": "\n".join(list_remarks(dataset)) or "None.",
     }
     texts = {name: html.escape(str(text)) for name, text in texts.items()}
@@ -76,17 +74,12 @@ def write_inventory_page(
 def _describe_object(answer: "xarray.Dataset") -> dict[str, object]:
     """Describe an object by its numbers, and by what the page says of it in words."""
     numbers = {str(name): a.item() for name, a in answer.data_vars.items() if not a.ndim}
-    names = ("probability", "probability_low", "probability_high")
-    intervals = zip(*(answer[name].values for name in names), strict=True)
     return numbers | {
         "rank": int(answer["rank"]),
         "name": html.escape(answer.object.item()),
         "years": describe_years(answer),
         "place": describe_place(answer) or "free",
         "assumed": "(assumed)" if answer.restitution_assumed else "",
-        "probabilities": "; ".join(
-            f"{p:.2f} ({low:.2f} to {high:.2f})" for p, low, high in intervals
-        ),
     }
 
 

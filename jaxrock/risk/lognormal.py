@@ -38,17 +38,13 @@ class LognormalFit(NamedTuple):
             return 0.5 * (1 + np.sign(levels - self.median))
         return ndtr(np.log(levels / self.median) / self.dispersion)
 
-    def median_within(self, levels: AnyArray) -> float:
-        """Return the median, or NaN where the levels do not reach it."""
-        return self.median if levels[0] <= self.median <= levels[-1] else np.nan
-
 
 def fit_boundaries(table: OutcomeTable) -> list[LognormalFit]:
     """Fit the curve of each object to all boundaries of its samples, which are the last axis."""
     _, objects, samples, _ = table.boundaries.shape
     part = 1 / (samples * table.directions)
     below = part * table.overturns_first.sum(axis=(0, 2))
-    above = part * (~table.overturns_at(table.levels[-1:])[..., 0]).sum(axis=(0, 2))
+    above = part * (~table.overturned[..., -1]).sum(axis=(0, 2))
     fits = []
     for k in range(objects):
         exists = np.isfinite(table.boundaries[:, k])

@@ -67,9 +67,10 @@ class OutcomeTable(NamedTuple):
         changes = library.where(library.isfinite(self.boundaries), signed, 0).sum(axis=-1)
         return changes + library.where(self.overturns_first, self.rates[0], 0)
 
-    def overturns_at(self, levels: AnyArray) -> AnyArray:
-        """Whether the object overturns at each of these levels, (records, ..., levels)."""
-        levels = levels.reshape(*(1 for _ in self.boundaries.shape), -1)
+    @property
+    def overturned(self) -> AnyArray:
+        """Whether the object overturns at each level, (records, ..., levels)."""
+        levels = self.levels.reshape(*(1 for _ in self.boundaries.shape), -1)
         at = self.boundaries[..., None]
         # NaN, where there is no boundary, is not below anything. A boundary that is a level is
         # below it where the object stands beyond.
@@ -86,7 +87,7 @@ class OutcomeTable(NamedTuple):
         overturns_first = self.overturns_first
         # The bound has no derivative where no level is alone in its window.
         rates = jax.lax.stop_gradient(self.rates) if is_traced(self.rates) else self.rates
-        bound = bound_not_detected(self.overturns_at(self.levels), rates, self.directions)
+        bound = bound_not_detected(self.overturned, rates, self.directions)
         complete = self.complete & ~overturns_first
         if with_samples:
             # A bound for each sample, then the mean: samples of one record have the same windows,

@@ -203,12 +203,6 @@ def search_value(
     check_concrete(parts, "the search depends on the answers")
     objects = gather_objects(block, restitution)
     number = objects[1].size
-    shapes = [np.shape(given) for given in (*bounds, target)]
-    if not {*shapes} <= {(), (number,)}:
-        raise ValueError(
-            "bounds and target must be single values, or one for each object, got shapes"
-            f" {', '.join(map(str, shapes))}, where the number of objects is {number}"
-        )
     low, high, targets = (
         np.broadcast_to(np.asarray(given, float), number) for given in (*bounds, target)
     )
@@ -226,13 +220,12 @@ def search_value(
         "value": np.array(values),
         "rate": np.where(exists, table.contributions.mean(axis=0), np.nan),
         "crossings": listed,
-        "count": np.isfinite(listed).sum(axis=1),
     }
     for name, entries in fields.items():
-        dtype = table.levels.dtype if entries.dtype.kind == "f" else entries.dtype
         shaped = entries.reshape((*objects[1].shape, *entries.shape[1:]))
-        fields[name] = jax.device_put(shaped.astype(dtype))
-    return RequiredValue(**fields, reasons=reasons, along=along)
+        fields[name] = jax.device_put(shaped.astype(table.levels.dtype))
+    count = jnp.isfinite(fields["crossings"]).sum(axis=-1)
+    return RequiredValue(**fields, count=count, reasons=reasons, along=along)
 
 
 @search_value.def_jvp
@@ -319,8 +312,7 @@ def _scan_values(
         tolerance = CLOSE if finely else _COARSE_WIDTH
         own_site = site if finely else few_levels
         table = compute_outcomes(*changed, own_site, model, tolerance=tolerance)
-        overturned = table.overturns_at(table.levels)
-        _, deviation = estimate_windows(overturned, table.rates, table.directions)
+        _, deviation = estimate_windows(table.overturned, table.rates, table.directions)
         rate = table.contributions.mean(axis=0)
         located = table.location_error.sum(axis=-1).mean(axis=0)
         if finely:
