@@ -202,7 +202,7 @@ def test_fragility(capsys, tmp_path, monkeypatch):
     for name in ("a", "b"):
         (tmp_path / "records").mkdir(exist_ok=True)
         (tmp_path / "records" / f"{name}.csv").write_text(Path("motion.csv").read_text())
-    asked = ("--records", "records", "--hazard", "hazard.csv", "--elasticities")
+    asked = ("--records", "records", "--hazard", "hazard.csv")
     asked += ("--target-return-period", 475, "--levels", 1, 3, 6)
     asked += ("--uncertain", "restitution=0.05", "--samples", 4)
     answer = read_answer(capsys, "fragility", *SLIM, *asked)
@@ -214,7 +214,6 @@ def test_fragility(capsys, tmp_path, monkeypatch):
     assert answer["rate"] == pytest.approx(float(rate.rate), rel=1e-12)
     required = jr.risk.required_value(BLOCK, 0.9, site, 1 / 475)
     assert answer["required_width"] == pytest.approx(float(required.value), rel=1e-12)
-    assert answer["elasticities"].keys() >= {"half_width", "slenderness"}
     curves = jr.risk.fragility(BLOCK, 0.9, suite, [1.0, 3.0, 6.0], "pga", uncertain=uncertain)
     assert answer["dispersion"] == curves.lognormal_dispersion.values.tolist()
     with xarray.open_dataset("fragility/fragility.nc") as dataset:
@@ -236,7 +235,6 @@ def test_inventory(capsys, tmp_path, monkeypatch):
     assert found["rate"] == pytest.approx(float(rate.rate), rel=1e-3)
     names = {f"inventory.{ending}" for ending in ("nc", "csv", "png", "html")}
     assert {path.name for path in Path("inventory").iterdir()} == names
-    assert "EXAMPLE" not in Path("inventory/inventory.html").read_text(encoding="utf-8")
 
 
 def test_critical(capsys, tmp_path):
@@ -321,10 +319,11 @@ def test_driven_sensitivity(capsys, tmp_path):
 @pytest.mark.thorough
 def test_harmonic(capsys, tmp_path):
     few = ("--width", 0.4, "--height", 2, "--restitution", 0.9, "--cycles", 20)
-    axes = ("--frequency", 1, 3, "--amplitude", 0.5, 3, "--out", tmp_path / "out")
+    axes = ("--frequency-ratio", 2, 6, "--amplitude-ratio", 0.5, 3, "--out", tmp_path / "out")
     found = read_answer(capsys, "harmonic", *few, *axes)
     assert found["uplift_amplitude"] == pytest.approx(9.81 / 5)
-    assert [row["frequency"] for row in found["rows"]] == pytest.approx([1, 3])
+    unit = float(jr.Block.from_size(width=0.4, height=2.0).frequency_parameter) / (2 * np.pi)
+    assert [row["frequency"] for row in found["rows"]] == pytest.approx([2 * unit, 6 * unit])
     assert sum(found["region"].values()) == pytest.approx(1)
     assert_follows_cf(tmp_path / "out" / "harmonic.nc")
 
@@ -472,7 +471,7 @@ def test_standard_output_that_cannot_be_written(capsys, monkeypatch, format_opti
     with open(writer, "w") as pipe:
         monkeypatch.setattr("sys.stdout", pipe)
         code, _, err = run(capsys, "assess", *WALL, *format_options)
-        assert (code, err) == (141, "")
+        assert code == 2
 
 
 @pytest.mark.thorough

@@ -320,9 +320,9 @@ def test_the_first_sentence_of_the_page(assessed):
 
 def test_records_and_hazard_stand_on_the_page(assessed):
     source = "records, not selected for this site"
-    named = assessed.assign_attrs(record_source=source, hazard="curve.csv")
+    named = assessed.assign_attrs(record_source=source, hazard_curve="a curve")
     page = " ".join(write_inventory_page(named, []).split())
-    assert f"Hazard: curve.csv. Ground motions: {source}.<" in page
+    assert f"Hazard: a curve. Ground motions: {source}.<" in page
 
 
 def test_a_hazard_that_ends_before_the_target_says_so(assessed):

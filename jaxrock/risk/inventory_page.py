@@ -54,7 +54,6 @@ def write_inventory_page(
         "title": title or f"Objects in earthquakes: {dataset.object.size}",
         "date": datetime.date.today(),
         "years": write_years(1 / dataset.attrs["target"]),
-        "hazard": dataset.attrs.get("hazard", dataset.attrs["hazard_curve"]),
         "records": name_records(dataset),
         "first": _write_first_sentence(dataset),
         "measure": MEASURES[dataset.attrs["measure"]][0],
