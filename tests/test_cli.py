@@ -122,12 +122,6 @@ def test_assess(capsys):
     assert answer["models"]["nonlinear"].keys() == {"critical_velocity", "critical_intensity"}
 
 
-@pytest.mark.thorough
-def test_tolerance(capsys):
-    asked = ("--restitution", 0.7, "--intensity", 0.15, "--tolerance", 1e-3)
-    assert read_answer(capsys, "assess", *WALL, *asked)["choice"]["level"] == "nonlinear"
-
-
 def test_spectrum(capsys, tmp_path):
     grid = ("--slenderness", "3:10:8", "--width", 0.4, 1.2, "--restitution", 0.6, 0.8)
     command = ("spectrum", *grid, "--out", tmp_path / "deep" / "er")

@@ -26,7 +26,6 @@ _SUMMARY = (
 def assess(
     *,
     intensity: float | None = None,
-    tolerance: float | None = None,
     details: bool = False,
     block_options: BlockOptions = BlockOptions(),
     output: Output = Output(),
@@ -43,15 +42,12 @@ def assess(
     ----------
     intensity
         Change of ground velocity in each pulse [m/s].
-    tolerance
-        With an intensity, name the equation and the precision that are good enough for this
-        relative error.
     details
         Print all answers, of the linearized and the nonlinear equation side by side, with
         sensitivities to the restitution, the size and the intensity.
     """
     block, c = block_options.block, block_options.coefficient
-    answers = assess_block(block, c, intensity, tolerance=tolerance)
+    answers = assess_block(block, c, intensity)
     answers["scene"]["restitution_assumed"] = block_options.restitution is None
     text = answers.details() if details else answers
     return Answer(text, answers, output)

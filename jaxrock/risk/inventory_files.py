@@ -84,10 +84,10 @@ def read_inventory(
     Raises
     ------
     ValueError
-        With file and line, if the file cannot be read, a column states no unit or another one,
-        or its name is one letter away from one of these; with a line for each row in which a
-        value is missing, no number or out of range, or an object is so stocky that Housner's
-        restitution is negative, or that a wall does not throw it back.
+        With file and line, if the file cannot be read, or a column states no unit or another
+        one; with a line for each row in which a value is missing, no number or out of range, or
+        an object is so stocky that Housner's restitution is negative, or that a wall does not
+        throw it back.
 
     Examples
     --------

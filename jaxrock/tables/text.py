@@ -5,9 +5,6 @@ import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 
-# By the byte-order mark, which UTF-8 may have too.
-_ENCODINGS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
-
 
 class NamedFile:
     """A file of any kind, and errors that name it."""
@@ -44,7 +41,13 @@ class TextFile(NamedFile):
         """Take the lines of the content, or of the file; a `ValueError` if that is no text."""
         super().__init__(path)
         content = self.read_content() if content is None else content
-        text = self._decode(content).replace("\r\n", "\n").replace("\r", "\n")
+        marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+        try:
+            text = content.decode("utf-16" if marked else "utf-8-sig")
+        # As Windows writes it. Numbers are the same; only names and comments have other letters.
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
         # DOS files end with a Ctrl-Z. A tab may be in front of a cell that is empty.
         whole = text.rstrip("\x1a\n ")
         if not whole.strip():
@@ -53,17 +56,6 @@ class TextFile(NamedFile):
             raise self.error("a text file was expected: save a spreadsheet as CSV")
         self.ends = len(text) > len(whole)
         self.lines = whole.split("\n")
-
-    def _decode(self, content: bytes) -> str:
-        """Decode UTF-8, UTF-16 with its mark, or else Latin-1, as Windows writes it."""
-        code = next((c for mark, c in _ENCODINGS.items() if content.startswith(mark)), "utf-8")
-        try:
-            return content.decode(code)
-        except UnicodeDecodeError:
-            # Numbers are the same; only names and comments have other letters.
-            if code == "utf-8":
-                return content.decode("latin-1")
-            raise self.error(f"the file seems to be damaged: it is no {code}") from None
 
 
 def as_number(word: str) -> float | None:
