@@ -84,7 +84,7 @@ class Assessment(Printed, dict[str, Any]):
         columns = {
             "linearized": [linearized[name] for name in names],
             "nonlinear": [nonlinear[name] for name in names],
-            "error": [f"{errors[n]:+.2%}" if n in errors else "" for n in names],
+            "error": [f"{100 * errors[n]:+.2f} %" if n in errors else "" for n in names],
         }
         described = _flatten(self["scene"])
         scene = format_table("\nthe scene, in SI", list(described), value=described.values())
