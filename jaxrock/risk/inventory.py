@@ -119,15 +119,10 @@ class Inventory(Printed, eqx.Module):
         check("restitution", np.where(walls, 0, read), UNIT_INTERVAL)
         self.block = jax.device_put(block_of(size_of(objects[0], "shape"), False))
         self.restitution = jnp.asarray(objects[1])
-        columns = {
-            "one_sided": (walls, "", None),
-            "restitution_assumed": (restitution_assumed, "", None),
-            "floor_period": (floor_period, "s", FLOOR_PERIOD),
-            "floor_damping": (floor_damping, "", BELOW_ONE),
-        }
-        for name, (value, unit, domain) in columns.items():
-            column = _read_each(name, value, number, unit, domain)
-            setattr(self, name, jax.device_put(column))
+        self.one_sided = _spread("one_sided", walls, number)
+        self.restitution_assumed = _spread("restitution_assumed", restitution_assumed, number)
+        self.floor_period = _spread("floor_period", floor_period, number, FLOOR_PERIOD)
+        self.floor_damping = _spread("floor_damping", floor_damping, number, BELOW_ONE)
         if uncertain is not None:
             # What cannot be drawn is refused here, before anything is computed.
             uncertain.draw(*objects)
@@ -147,20 +142,11 @@ class Inventory(Printed, eqx.Module):
         return f"{len(self)} object{'s' * (len(self) > 1)}: {listed}"
 
 
-def _read_each(
-    name: str, value: Any, number: int, unit: str, domain: Domain | None
-) -> np.ndarray:
-    """Read a value for each object: numbers of a domain, or without one True and False."""
-    if domain is None:
-        values = np.asarray(value)
-        if values.dtype != bool:
-            raise ValueError(f"{name} must be True or False, got {value!r:.60}")
-    else:
-        values = np.asarray(as_real(name, value, unit=unit))
+def _spread(name: str, value: Any, number: int, domain: Domain | None = None) -> jax.Array:
+    """Give each object a value: numbers of a domain, or without one True and False."""
+    values = np.asarray(value, bool) if domain is None else np.asarray(as_real(name, value))
+    if domain is not None:
         check(name, values, domain)
     if values.shape not in ((), (number,)):
-        raise ValueError(
-            f"{name} must be one, or one for each of {number} objects, got an array of shape"
-            f" {values.shape}"
-        )
-    return np.broadcast_to(values, (number,))
+        raise ValueError(f"{name} must be one, or one for each of {number} objects")
+    return jax.device_put(np.broadcast_to(values, (number,)))

@@ -63,8 +63,8 @@ def assess_inventory(
     -------
     xarray.Dataset
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
-        ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
-        ``restitution_assumed``, ``one_sided``; ``floor_period`` (0 on the ground floor),
+        ``inertia_ratio``, ``restitution``, ``restitution_assumed``,
+        ``one_sided``; ``floor_period`` (0 on the ground floor),
         ``floor_damping``; ``uplift_intensity``, the median of the
         lognormal curve of uplift; ``median`` and ``dispersion`` of the curve of overturning, the
         median NaN where the levels of the site do not reach it; ``rate`` of overturning with its

@@ -31,7 +31,6 @@ _VARIABLES: dict[str, tuple[str, str, str]] = {
     "restitution": ("object", "restitution", "1"),
     "restitution_assumed": ("object", "whether the restitution follows from size", ""),
     "low_restitution": ("object", "low end of the likely restitutions, where assumed", "1"),
-    "coefficient_of_variation": ("object", "coefficient of variation of restitution", "1"),
     "uplift_intensity": ("object", "median of the lognormal curve of uplift", MEASURE_UNIT),
     "median": ("object", "median of the lognormal curve of overturning", MEASURE_UNIT),
     "dispersion": ("object", "dispersion of the curve: deviation of ln(level)", "1"),
@@ -85,11 +84,8 @@ def _describe_objects(inventory: Inventory) -> dict[str, np.ndarray]:
     """Describe the objects themselves, and where they stand."""
     sizes = size_of(inventory.block, "sides")
     period = np.asarray(inventory.floor_period)
-    uncertain = inventory.uncertain
-    coefficients = {} if uncertain is None else uncertain.coefficients_of_variation
     known = {
         **{name: sizes[name] for name in ("width", "height", "inertia_ratio")},
-        "coefficient_of_variation": coefficients.get("restitution", 0.0),
         "floor_damping": np.where(period > 0, inventory.floor_damping, np.nan),
     }
     for name in ("one_sided", "floor_period", "restitution", "restitution_assumed"):
@@ -177,7 +173,6 @@ def describe_inventory(assessed: "xarray.Dataset") -> str:
         "restitution": assessed.restitution.values,
         f"median [{unit}]": assessed["median"].values,
         "rate [1/yr]": assessed.rate.values,
-        "std. error": assessed.standard_error.values,
         "once in [yr]": [describe_years(one) for one in objects],
         "for the target": assessed.need.values.tolist(),
         "stands": [describe_place(one) or "free" for one in objects],
@@ -187,20 +182,19 @@ def describe_inventory(assessed: "xarray.Dataset") -> str:
         f" than once in {write_years(1 / assessed.attrs['target'])} years, under"
         f" {name_records(assessed)}; {assessed.attrs['hazard_curve']}"
     )
-    names = assessed.object.values
-    lines = [format_table(title, names.tolist(), **columns), *list_remarks(assessed)]
-    if assessed.restitution_assumed.any():
-        listed = ", ".join(names[assessed.restitution_assumed.values])
-        lines.append(
-            f"restitution assumed, from the size; once in with it and a low one: {listed}"
-        )
-    return "\n".join(lines)
+    names = assessed.object.values.tolist()
+    return "\n".join([format_table(title, names, **columns), *list_remarks(assessed)])
 
 
 def list_remarks(assessed: "xarray.Dataset") -> list[str]:
     """List what is exceptional about objects, and why it is not known what some need."""
     pairs = zip(assessed.object.values, assessed.remark.values, strict=True)
     lines = [f"{name}: {remark}" for name, remark in pairs if remark]
+    assumed = assessed.object.values[assessed.restitution_assumed.values]
+    if assumed.size:
+        lines.append(
+            f"restitution assumed, years with it and with a low one: {', '.join(assumed)}"
+        )
     if any(need.endswith(NOT_KNOWN) for need in assessed.need.values):
         lines.append(f"{NOT_KNOWN}: {explain_unknown(assessed)}")
     return lines

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
+from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import FLOOR_DAMPING, FLOOR_PERIOD
 from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size
 from ..sensitivity import Uncertain
 from ..tables import Column, read_table
-from ..validation import AT_LEAST_ONE, BELOW_ONE, NON_NEGATIVE, POSITIVE, Domain
+from ..validation import AT_LEAST_ONE, BELOW_ONE, NON_NEGATIVE, POSITIVE
 from .hazard import Hazard
 from .hazard_files import read_hazard
 from .inventory import Inventory
@@ -21,18 +21,11 @@ EXAMPLE_FILES = ("objects.csv", "hazard.csv")
 _DATA = files("jaxrock") / "data"
 
 
-def _limit(name: str) -> Domain:
-    """Limit a size to what rocks: a larger one was given in another unit."""
-    most = LARGEST_SIZES[name]
-    allowed = f"greater than 0 and at most {most:g} m"
-    return Domain(allowed, lambda x: (x > 0) & (x <= most), 1.0)
-
-
 _COEFFICIENT = "restitution coefficient of variation"
 _COLUMNS = {
     "name": Column(required=True, synonyms=("object",)),
-    "width": Column("length", _limit("width"), required=True),
-    "height": Column("length", _limit("height"), required=True),
+    "width": Column("length", POSITIVE, required=True),
+    "height": Column("length", POSITIVE, required=True),
     "depth": Column("length", POSITIVE),
     "inertia ratio": Column("ratio", AT_LEAST_ONE),
     "restitution": Column("ratio", ONE_SIDED_RESTITUTION, synonyms=("c",)),

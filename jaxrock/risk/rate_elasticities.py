@@ -41,15 +41,6 @@ class RateElasticities(Printed, eqx.Module):
     change: float = eqx.field(static=True)
     rate: OverturningRate
 
-    def table(self) -> dict[str, float]:
-        """List the elasticities of one block by the names of its parameters.
-
-        Returns
-        -------
-        dict
-        """
-        return dict(zip(self.names, self.elasticity.tolist(), strict=True))
-
     def __str__(self) -> str:
         if np.ndim(self.rate.rate):
             return format_fields(self, elasticity="")

@@ -12,15 +12,12 @@ from .table import Head, Table
 from .text import TextFile, quote_word
 from .units import parse_unit
 
-_FLAGS = {
-    **dict.fromkeys(("yes", "true", "1", "x", "overturned"), True),
-    **dict.fromkeys(("no", "false", "0", "stood", ""), False),
-}
+_FLAGS = dict.fromkeys(("yes", "true", "1", "x", "overturned"), True)
+_FLAGS |= dict.fromkeys(("no", "false", "0", "stood", ""), False)
 # Of each dimension that has to be stated, for messages.
 _EXAMPLES = ("m", "s", "rad", "m/s2", "m/s", "1/yr", "yr")
 # What cells of words must be.
 _ALLOWED = {"text": "given in each row", "flag": "yes or no"}
-_MAX_FAULTS = 20  # that one error names
 
 
 class Column(NamedTuple):
@@ -56,14 +53,13 @@ class Contents(NamedTuple):
 
     def require(self, valid: np.ndarray, reason: str, cells: Sequence[str] = ()) -> None:
         """Raise a `ValueError` with a line for each row that is not valid, and perhaps its cell."""
-        rows = self.table.rows
         faults = [
             self.table.text.error(f"{reason}, got {cells[k]!r:.60}" if cells else reason, line)
-            for k, (line, _) in enumerate(rows)
+            for k, (line, _) in enumerate(self.table.rows)
             if not valid[k]
         ]
         if faults:
-            raise ValueError("\n".join(map(str, faults[:_MAX_FAULTS])))
+            raise ValueError("\n".join(map(str, faults)))
 
 
 def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> Contents:

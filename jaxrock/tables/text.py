@@ -17,14 +17,6 @@ class NamedFile:
         """Make the error that gives the reason, with the file and perhaps the line."""
         return ValueError(f"{str(self.path)!r}{f', line {line}' if line else ''}: {reason}")
 
-    def read_content(self) -> bytes:
-        """Read the whole file; a `ValueError` that names it if it cannot be read."""
-        try:
-            return self.path.read_bytes()
-        except OSError as error:
-            reason = error.strerror or error
-            raise self.error(f"the file cannot be read: {reason}") from error
-
 
 class TextFile(NamedFile):
     """The lines of a text file.
@@ -40,7 +32,7 @@ class TextFile(NamedFile):
     def __init__(self, path: str | os.PathLike[str], content: bytes | None = None):
         """Take the lines of the content, or of the file; a `ValueError` if that is no text."""
         super().__init__(path)
-        content = self.read_content() if content is None else content
+        content = self.path.read_bytes() if content is None else content
         marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
         try:
             text = content.decode("utf-16" if marked else "utf-8-sig")
@@ -50,10 +42,8 @@ class TextFile(NamedFile):
         text = text.replace("\r\n", "\n").replace("\r", "\n")
         # DOS files end with a Ctrl-Z. A tab may be in front of a cell that is empty.
         whole = text.rstrip("\x1a\n ")
-        if not whole.strip():
-            raise self.error("the file is empty")
-        if "\0" in whole:
-            raise self.error("a text file was expected: save a spreadsheet as CSV")
+        if not whole.strip() or "\0" in whole:
+            raise self.error("a text with lines was expected: save a spreadsheet as CSV")
         self.ends = len(text) > len(whole)
         self.lines = whole.split("\n")
 
@@ -68,9 +58,8 @@ def as_number(word: str) -> float | None:
 
 
 def quote_names(names: Iterable[str]) -> str:
-    """Quote the first of several names, for a message."""
-    quoted = [*map(quote_word, names)]
-    return ", ".join(quoted[:12] + ["..."] * bool(quoted[12:]))
+    """Quote several names, for a message."""
+    return ", ".join(map(quote_word, names))
 
 
 def quote_word(word: str) -> str:

@@ -64,7 +64,7 @@ def read_components(path: Path, caller: Caller, *named: str) -> list[Component]:
     if path.suffix.lower() in TABLE_SUFFIXES:
         return read_samples(TextFile(path), caller, *named)
     file = NamedFile(path)
-    content = file.read_content()
+    content = path.read_bytes()
     # UTF-16 has zeros too, and a spreadsheet is refused as a text.
     is_binary = b"\0" in content and content[:2] not in (b"\xff\xfe", b"\xfe\xff", b"PK")
     if path.suffix.lower() in TRACE_SUFFIXES or is_binary:

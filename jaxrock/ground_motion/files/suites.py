@@ -75,7 +75,7 @@ def read_suite(
     for path in show_progress(paths, "reading records"):
         try:
             components[path] = read_components(path, caller)
-        except ValueError as error:
+        except (OSError, ValueError) as error:
             is_other = of_folder and isinstance(error, NotAcceleration)
             (left_out if is_other else faults).append(path.name if is_other else str(error))
     for path in [path for path in components if path.suffix.lower() in _BOREHOLE]:
