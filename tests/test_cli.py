@@ -354,17 +354,6 @@ def test_validate(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.thorough
-@pytest.mark.release
-def test_tradeoff(capsys, tmp_path):
-    command = ("tradeoff", *WALL, "--restitution", 0.7, "--pulse", "half-sine")
-    pulse = ("--amplitude", 40, "--pulse-duration", 0.01, "--out", tmp_path / "t")
-    code, text, _ = run(capsys, *command, *pulse)
-    assert code == 0
-    assert "nonlinear in float64" in text
-    assert_follows_cf(tmp_path / "t" / "tradeoff.nc")
-
-
-@pytest.mark.thorough
 def test_paper_fails_on_a_mismatch(capsys, tmp_path, monkeypatch):
     assert read_answer(capsys, "paper", "--out", tmp_path / "right")["agreeing"] == 93
     table = paper.PRINTED["tables"][0]

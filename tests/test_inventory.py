@@ -289,13 +289,6 @@ def first_sentence(dataset):
     return sentence
 
 
-def test_records_and_hazard_stand_on_the_page(assessed):
-    source = "records, not selected for this site"
-    named = assessed.assign_attrs(record_source=source, hazard_curve="a curve")
-    page = " ".join(write_inventory_page(named, []).split())
-    assert f"Hazard: a curve. Ground motions: {source}.<" in page
-
-
 def test_a_hazard_that_ends_before_the_target_says_so(assessed):
     """Where its last rate exceeds the target, no object is called safe and no width enough."""
     site = jr.risk.Site(pulses(50), HAZARD, levels=np.geomspace(0.7, 1.6, 30))

@@ -302,67 +302,6 @@ def test_rate_against_outcomes_at_many_levels():
 
 
 @DOUBLE
-@SLOW
-@pytest.mark.parametrize(
-    "which",
-    [
-        pytest.param(0, id="half_width", marks=pytest.mark.release),
-        pytest.param(1, id="restitution"),
-    ],
-)
-def test_derivatives_of_boundaries_under_records(which):
-    """Against differences of boundaries sought again, where the derivatives are known.
-
-    Some boundaries have others nearby or bend sharply: several steps, of which the best counts
-    of those that two in a row agree on. Beside some the true boundary jumps by 1e-9 when C
-    does, as an integration in 80 bits says: of these no difference is one.
-    """
-    suite = jr.example_suite()
-    at = (SIZE[0], 0.8)
-    suite = suite.scaled(1 / suite.measure("pgv"))
-    levels = np.clip(np.geomspace(*ALL_LEVELS, 342), *ALL_LEVELS)
-    errors = []
-    unknown = 0
-    for number in (2, 7, 8, 14):
-
-        def edges(half_width, restitution, levels=levels, record=suite[number]):
-            block = jr.Block(half_width, SIZE[1])
-            found = jr.overturning_boundaries(block, restitution, record, "factor", levels)
-            return found.value, found.count
-
-        direction = tuple(float(k == which) for k in range(2))
-        (edge, _), (derivative, _) = jax.jvp(edges, at, direction)
-        edge = np.asarray(edge)
-        derivative = np.asarray(derivative)
-        known = np.isfinite(derivative)
-        unknown += (~known).sum()
-        best = np.full(edge.size, np.inf)
-        last = np.full(edge.size, np.nan)
-        for step in np.geomspace(1e-6, 1e-10, 9):
-            both = np.array([[step], [-step]])
-            moved = [np.full((2, edge.size), value) for value in at]
-            moved[which] = moved[which] + both
-            change = both * np.where(known, derivative, 1)
-            width = 0.5 * abs(change) + 1e-13
-            sides = np.linspace(edge + change - width, edge + change + width, 5, axis=-1)
-            value, count = edges(*moved, sides)
-            alone = (np.asarray(count) == 1).all(axis=0) & known
-            if alone.any():
-                difference = np.diff(np.asarray(value[..., 0])[::-1], axis=0)[0] / (2 * step)
-                scale = np.maximum(abs(difference), 1e-2 * edge / at[which])
-                error = abs(difference - derivative) / scale
-                agree = alone & (abs(difference - last) <= 1e-3 * scale)
-                best = np.where(agree, np.fmin(best, error), best)
-                last = np.where(alone, difference, np.nan)
-        errors.append(best)
-    errors = np.concatenate(errors)
-    compared = np.isfinite(errors)
-    assert compared.mean() >= 0.8
-    assert unknown == 0
-    np.testing.assert_array_less(errors[compared], 1e-5)
-
-
-@DOUBLE
 def test_equal_samples_detect_no_more_windows():
     """Samples of a record share its windows: the bound is the one without uncertainty."""
     block = jr.Block(*SIZE)

@@ -86,7 +86,7 @@ REFUSED = [
         f"{HEAD}a.csv,,,,yes,A,,\na.csv,,,,no,,,",
         ("line 3", "a group was expected"),
     ),
-    (read_tests, HEAD + "a.csv,,,,1,,,\nd.csv,,,,1,,,", ("line 3: '",)),
+    (read_tests, HEAD + "a.csv,,,,1,,,\nd.csv,,,,1,,,", ("line 3: ", "d.csv")),
 ]
 
 
