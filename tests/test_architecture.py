@@ -75,7 +75,7 @@ CODE_LINES = {
     "accuracy": 449,
     "grids": 324,
     "spectra": 600,
-    "risk": 1837,
+    "risk": 1840,
     "plot": 1114,
     "reports": 305,
     "cli": 964,

@@ -384,7 +384,6 @@ def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, asse
     np.testing.assert_array_equal(written.rates, site.hazard.rates)
     assert str(site.hazard).startswith("EXAMPLE hazard, of no real place: hazard of pgv")
     page = (tmp_path / "here" / "inventory.html").read_text(encoding="utf-8")
-    assert "EXAMPLE hazard, of no real place" in page
     assert page.count("<img ") == 1
     assert "its objects and its hazard are made up" in text
     (command,) = re.findall(r"^ +jaxrock (.*)$", text, re.M)

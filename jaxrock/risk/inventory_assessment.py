@@ -179,7 +179,9 @@ def _compute_rates(
         "uplift_intensity": np.exp(np.log(lifted).mean(axis=0)),
         "median": np.where(reached, median, np.nan),
         "dispersion": np.array([fit.dispersion for fit in fits]),
-        **{name: means[name] for name in ("rate", "standard_error", "not_detected")},
+        "rate": np.asarray(means["rate"]),
+        "standard_error": np.asarray(means["standard_error"]),
+        "not_detected": np.asarray(means["not_detected"]),
         "remark": np.array(["; ".join(texts) for texts in remarks]),
     }
 

@@ -184,14 +184,15 @@ def overturning_rate(
     """
     check_kind("site", site, Site)
     check_kind("block", block, Block)
-    objects = block, read_restitution(block, restitution)
-    if uncertain is not None or not is_traced(objects):
-        objects = gather_objects(*objects)
     sample_rates = boundaries = None
     if uncertain is None:
+        objects = block, read_restitution(block, restitution)
+        if not is_traced(objects):
+            objects = gather_objects(*objects)
         table, boundaries = find_outcomes(*objects, site, model, max_boundaries)
         fields = average_traced(table) if is_traced(table[:-1]) else table.average()
     else:
+        objects = gather_objects(block, restitution)
         drawn = draw_objects(objects, uncertain, site.suite.floor is not None)
         table = compute_outcomes(*drawn[:2], site, model, floors=drawn[2])
         sample_rates = jax.device_put(table.contributions.mean(axis=0))

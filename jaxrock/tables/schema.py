@@ -12,7 +12,7 @@ from .table import Head, Table
 from .text import TextFile, quote_word
 from .units import parse_unit
 
-_FLAGS = dict.fromkeys(("yes", "true", "1", "x", "overturned"), True)
+_FLAGS: dict[str, bool] = dict.fromkeys(("yes", "true", "1", "x", "overturned"), True)
 _FLAGS |= dict.fromkeys(("no", "false", "0", "stood", ""), False)
 # Of each dimension that has to be stated, for messages.
 _EXAMPLES = ("m", "s", "rad", "m/s2", "m/s", "1/yr", "yr")
