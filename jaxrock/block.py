@@ -89,17 +89,6 @@ class Block(Printed, Checked):
     # Type checkers take the declarations above for default values.
     one_sided: bool = eqx.field(static=True)  # pyright: ignore[reportGeneralTypeIssues]
 
-    def __new__(cls, *numbers: object, **named: object) -> "Block":
-        """Refuse a width and a height, with the name of the function that takes them."""
-        sizes = [name for name in ("width", "height") if name in named]
-        if sizes:
-            given = " and ".join(sizes)
-            raise TypeError(
-                f"Block takes half_width and slenderness, got {given}; Block.from_size(width=...,"
-                " height=...) takes these"
-            )
-        return super().__new__(cls)
-
     def __init__(
         self,
         half_width: Number,
@@ -125,9 +114,7 @@ class Block(Printed, Checked):
         ]
         if not is_rectangle(self):
             parts.append(f"inertia ratio {format_number(self.inertia_ratio)}")
-        if self.one_sided:
-            parts.append("one-sided")
-        return ", ".join(parts)
+        return ", ".join(parts + ["one-sided"] * self.one_sided)
 
     @classmethod
     def from_size(

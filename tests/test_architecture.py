@@ -58,27 +58,27 @@ def test_imports_go_upwards_through_faces(path):
 # Code lines of each room: neither blank, comment nor docstring. These numbers may fall and not rise:  # noqa: E501
 # whoever adds to a room takes as much away from it, and whoever makes it smaller lowers its number.
 CODE_LINES = {
-    "block, body, impact, faces": 350,
+    "block, body, impact, faces": 339,
     "validation": 338,
     "host": 242,
-    "tables": 415,
+    "tables": 363,
     "numerics": 667,
     "resonance": 1415,
     "ground_motion": 1123,
-    "ground_motion/files": 928,
+    "ground_motion/files": 846,
     "driven": 3591,
     "steady": 876,
     "overturning": 529,
     "sensitivity": 1429,
     "calibration": 1046,
     "calibration/outcomes": 950,
-    "accuracy": 453,
+    "accuracy": 449,
     "grids": 324,
     "spectra": 600,
-    "risk": 2142,
+    "risk": 1840,
     "plot": 1114,
-    "reports": 332,
-    "cli": 1038,
+    "reports": 305,
+    "cli": 964,
 }
 
 

@@ -9,7 +9,7 @@ import pytest
 import scenes
 import xarray
 from references.half_sine_rates import DURATIONS, OFTEN, POWER, closed_rate, pulses, verge
-from scipy import optimize, stats
+from scipy import optimize
 from tools.command import run
 
 import jaxrock as jr
@@ -20,7 +20,6 @@ from jaxrock.risk import (
     assess_inventory,
     describe_years,
     list_remarks,
-    read_example_inventory,
     read_inventory,
     write_inventory_page,
 )
@@ -56,19 +55,17 @@ def test_a_table_is_read(tmp_path):
     assert inventory.uncertain == jr.Uncertain(
         {"restitution": [0.05, 0, 0]}, samples=4, seed=1
     )
-    assert inventory.remarks == ("", "", "")  # the shorter side of a base is nothing to remark
     assert inventory.restitution_assumed.tolist() == [False, True, False]
     others = (("weight [kg]", ("1,2", "", "")), ("inv. no.", ("1987.24", "", "A 3")))
     assert inventory.others == others
     assert str(inventory) == "3 objects: Vase; red, bust, case"
 
 
-HEADS = "name,width [cm],height [m],C,one-sided,floor period [ms],floor damping [%],"
-PLACES = f"""{HEADS}floor participation
-bust,30,1.2,,no,,,
-facade,60,6,,Yes,0,,
-mirror,20,2,-0.6,x,400,3,1.3
-vase,20,0.8,0.8,,250,,
+PLACES = """name,width [cm],height [m],C,one-sided,floor period [ms],floor damping [%]
+bust,30,1.2,,no,,
+facade,60,6,,Yes,0,
+mirror,20,2,-0.6,x,400,3
+vase,20,0.8,0.8,,250,
 """
 
 
@@ -80,16 +77,13 @@ def test_objects_at_a_wall_and_on_floors_are_read(tmp_path):
     # At a wall: (1 - (3/2) / 101)^2 (1 - (3/2) 100 / 101), of which the magnitude counts.
     wall = (1 - 1.5 / 101) ** 2 * (150 / 101 - 1)
     np.testing.assert_allclose(inventory.restitution, [1 - 1.5 / 17, wall, 0.6, 0.8])
-    assert inventory.remarks == ("", "", "", "damping of its floor not given, 0.05 assumed")
     assert inventory.restitution_assumed.tolist() == [True, True, False, False]
-    assert inventory.floor_participation.tolist() == [1, 1, 1.3, 1]
 
 
 HEAD = "name,width [m],height [m],restitution,restitution coefficient of variation"
 PLACE = "name,width [m],height [m],C,one-sided,floor period [s],floor damping,depth [m]"
 # Tables, and what the error must contain. How all tables are read is tested elsewhere.
 REFUSED = [
-    (f"{HEAD},dept [cm]\na,1,2,,,3\n", ("line 1", "'dept [cm]'", "'depth' meant")),
     (f"{HEAD}\na,-1,2,,\nc,,2,,\n", ("line 2", "'-1'", "line 3", "''")),
     (f"{HEAD}\na,1,2,1.1,\n", ("line 2", "between -1 and 1", "'1.1'")),
     (f"{HEAD}\na,1,2,,-1\n", ("line 2", "at least 0", "'-1'")),
@@ -100,7 +94,7 @@ REFUSED = [
     (f"{HEAD}\na,1,2,1,0.1\n", ("restitution must be", "uncertain", "got 1")),
     (f"{PLACE}\na,1,1.2,,yes,,,\n", ("line 2", "must be given")),
     (f"{PLACE}\na,.2,1,,,.4,5,\n", ("line 2", "'floor damping'", "less than 1")),
-    (f"{PLACE}\na,.2,1,,,,.05,\n", ("line 2", "damping or participation goes")),
+    (f"{PLACE}\na,.2,1,,,,.05,\n", ("line 2", "a floor damping goes")),
     (f"{PLACE}\na,.2,1,,,250,,\n", ("line 2", "from 0 to 20, in s", "'250'")),
     (f"{PLACE}\na,1,3,,x,,,.5\n", ("line 2", "no depth", "right angles to the wall")),
 ]
@@ -132,10 +126,7 @@ def assessed():
     """The objects under half-sine pulses, linearized, at levels 1 % apart."""
     inventory = Inventory(NAMES, BLOCK, 0.85)
     site = jr.risk.Site(pulses(100), HAZARD)
-    with pytest.MonkeyPatch.context() as patch:
-        periods = tuple(np.array([1.5, 2.5]) ** POWER / OFTEN)
-        patch.setattr("jaxrock.risk.inventory_assessment._RETURN_PERIODS", periods)
-        return assess_inventory(inventory, site, TARGET, elasticities=True, model="linearized")
+    return assess_inventory(inventory, site, TARGET, model="linearized")
 
 
 def test_rates_in_closed_form(assessed):
@@ -150,24 +141,15 @@ def test_rates_in_closed_form(assessed):
     assert assessed["rank"].values.tolist() == [1, 2, 3, 4]
     # A hundred straight lines are the half-sine pulse to 1e-4.
     np.testing.assert_allclose(assessed.rate, exact[order], rtol=5e-4)
-    np.testing.assert_allclose(assessed.level, [1.5, 2.5])
-    np.testing.assert_allclose(assessed.return_period, np.array([1.5, 2.5]) ** POWER / OFTEN)
-    assert assessed.written.values.tolist() == ["1.5 m/s", "2.5 m/s"]
 
 
 def test_curves_in_closed_form(assessed):
-    """Probabilities and their intervals, the lognormal median, the uplift intensity."""
+    """The lognormal median, and the uplift intensity."""
     for name, half_width, slenderness in zip(NAMES, HALF_WIDTHS, SLENDERNESSES, strict=True):
         curve = assessed.sel(object=name)
         boundaries = np.array(
             [float(verge("pgv", d, half_width, slenderness, 4 / 3)) for d in DURATIONS]
         )
-        for k, level in enumerate((1.5, 2.5)):
-            count = int((boundaries < level).sum())
-            assert float(curve.probability[k]) == count / 3
-            interval = stats.binomtest(count, 3).proportion_ci(0.95, "exact")
-            np.testing.assert_allclose(curve.probability_low[k], interval.low, atol=1e-12)
-            np.testing.assert_allclose(curve.probability_high[k], interval.high, atol=1e-12)
         assert boundaries.min() < float(curve["median"]) < boundaries.max()
         # PGV of a half-sine that lifts: g alpha_c integrated over it.
         # Of a lognormal curve the median is the geometric mean over the records.
@@ -190,39 +172,6 @@ def test_required_widths_in_closed_form(assessed):
         # The first width examined beyond the crossing, 3 % apart, which meets the target.
         assert 1 - 1e-4 < required / exact < 1.03
         assert rate_of_sides(required, height) < TARGET * (1 + 5e-4)
-
-
-def test_elasticities_in_closed_form(assessed):
-    for k in range(4):
-        block = assessed.isel(object=k)
-        width = float(block.width)
-        height = float(block.height)
-        rate = rate_of_sides(width, height)
-        over_width = rate_of_sides(1.1 * width, height) - rate_of_sides(0.9 * width, height)
-        over_height = rate_of_sides(width, 1.1 * height) - rate_of_sides(width, 0.9 * height)
-        # No impact comes before overturning, so that the restitution changes nothing.
-        exact = np.array([over_width, over_height, 0.0]) / rate / 0.2
-        # The rates at both ends have a standard error of 2e-3, over a change of 0.2.
-        np.testing.assert_allclose(block.elasticity, exact, rtol=0, atol=0.04)
-
-
-@pytest.mark.thorough
-def test_a_hazard_with_zeros():
-    """Levels beyond the first rate of 0 change nothing, and return periods are those before."""
-    inventory = Inventory(NAMES, BLOCK, 0.85)
-    levels = [0.7, 1.0, 1.5, 3.0, 6.0, 9.0]
-    rates = [1e-2, 2e-3, 2e-3, 4e-5, 0.0, 0.0]
-    sites = [
-        jr.risk.Site(pulses(100), jr.risk.Hazard(levels[:n], rates[:n]), spacing=0.05)
-        for n in (5, 6)
-    ]
-    shorter, longer = (
-        assess_inventory(inventory, site, 1e-3, model="linearized") for site in sites
-    )
-    del shorter.attrs["hazard_curve"], longer.attrs["hazard_curve"]
-    assert shorter.identical(longer)
-    np.testing.assert_allclose(shorter.return_period, [475, 2475], rtol=1e-6)
-    assert np.isfinite(shorter.rate).all()
 
 
 NOISE_TARGET = 1.5e-4
@@ -250,7 +199,7 @@ def assert_close(one, other):
         np.testing.assert_allclose(one, np.asarray(other), rtol=1e-12, atol=1e-15)
 
 
-PLACE_COLUMNS = {"one_sided", "floor_period", "floor_damping", "floor_participation"}
+PLACE_COLUMNS = {"one_sided", "floor_period", "floor_damping"}
 
 
 @pytest.mark.thorough
@@ -264,7 +213,6 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
     damping = np.array([0.05, 0.05, 0.1, 0.05])
     one_sided = np.array([False, True, False, False])
     coefficients = {"restitution": np.array([0, 0, 0, 0.1])}
-    participation = np.array([1.0, 1.2, 1.2, 1.0])
     block = jr.Block.from_size(width=width, height=height)
     inventory = Inventory(
         names,
@@ -274,14 +222,13 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
         one_sided=one_sided.tolist(),
         floor_period=period,
         floor_damping=damping,
-        floor_participation=participation,
     )
     mixed = assess_inventory(inventory, noise_site, NOISE_TARGET)
     assert mixed.attrs["record_count"] == 3
     np.testing.assert_array_equal(mixed.rate, np.sort(mixed.rate)[::-1])
     np.testing.assert_array_equal(mixed["rank"], np.arange(1, 5))
     suite = noise_site.suite
-    floors = [suite.on_floor(0.3, ratio, 1.2, time_step=0.015) for ratio in (0.05, 0.1)]
+    floors = [suite.on_floor(0.3, ratio, time_step=0.015) for ratio in (0.05, 0.1)]
     groups = {(0, 3): suite, (1,): floors[0].both_directions(), (2,): floors[1]}
     for members, motions in groups.items():
         k = list(members)
@@ -307,13 +254,6 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
             assert bool(answer.one_sided) == one_sided[k[0]]
             assert float(answer.floor_period) == period[k[0]]
             assert np.isnan(answer.floor_damping) == (period[k[0]] == 0)
-    page = write_inventory_page(mixed, [])
-    assert page.count('<td class="words">at a wall, floor 0.3 s (0.05)</td>') == 1
-    assert page.count('<td class="words">free</td>') == 2
-    ax = plot_inventory(mixed)
-    beside = [t.get_text() for axes in ax.child_axes for t in axes.get_yticklabels()]
-    assert sum("; at a wall, floor 0.3 s (0.05);" in words for words in beside) == 1
-    plt.close(ax.figure)
 
 
 def test_picture(assessed):
@@ -322,23 +262,11 @@ def test_picture(assessed):
     np.testing.assert_array_equal(ax.lines[-1].get_xdata(), [TARGET, TARGET])
     (points,) = (line for line in ax.lines if line.get_marker() == "D")
     np.testing.assert_array_equal(np.sort(points.get_xdata()), np.sort(assessed.rate))
-    low, high = ax.get_xlim()
-    assert low < min(float(assessed.rate.min()), TARGET)
-    assert high > max(float(assessed.rate.max()), TARGET)
-    plt.close(ax.figure)
-    # A rate of 0 stands at the edge; the words of the dataset stand beside it.
-    never = assessed.isel(object=[0, 1]).copy(deep=True)
-    never["rate"][1] = 0.0
-    never["need"] = "object", ["no width suffices", "suffices"]
-    ax = plot_inventory(never, plt.subplots()[1])
-    beside = [t.get_text() for axes in ax.child_axes for t in axes.get_yticklabels()]
-    assert [words.partition("; ")[2] for words in beside if ";" in words] == [
-        "no width suffices", "suffices"
-    ]  # fmt: skip
     plt.close(ax.figure)
 
 
 def test_page(assessed):
+    """Whole in one file, with a row of each object in each table, and what to do first."""
     page = write_inventory_page(assessed, [b"picture", b""])
     assert page.count('src="data:image/png;base64,cGljdHVyZQ=="') == 1
     assert page.count("<img ") == 2
@@ -346,38 +274,19 @@ def test_page(assessed):
     row = r'<tr class="(\w+) .*?"><td>\d</td><td class="name">(\w+)<'
     kinds = ["misses" if rate > TARGET else "meets" for rate in assessed.rate]
     assert re.findall(row, page) == 3 * list(zip(kinds, assessed.object.values, strict=True))
-    # Heads of every table are repeated on each sheet.
-    assert page.count("<thead>") == page.count("<table") == 3
+    names = ", ".join(assessed.object.values.tolist())
+    assert first_sentence(assessed) == f"Fix or widen first: {names}."
+    meets = assessed.assign(verdict=("object", ["meets the target"] * 4))
+    assert first_sentence(meets).startswith("Nothing needs to be done")
     strange = assessed.assign_coords(object=["<b>", "a & b $x", "{c}", "d"])
     page = write_inventory_page(strange, [], title="Room <3>")
     for text in ("<h1>Room &lt;3&gt;</h1>", ">&lt;b&gt;<", ">a &amp; b $x<", ">{c}<"):
         assert text in page
-    assert "Target: overturns at most once in 83,333 years. Hazard: hazard" in page
 
 
 def first_sentence(dataset):
     (sentence,) = re.findall(r'<p class="first">(.*?)</p>', write_inventory_page(dataset, []))
     return sentence
-
-
-def test_the_first_sentence_of_the_page(assessed):
-    names = ", ".join(assessed.object.values.tolist())
-    assert first_sentence(assessed) == f"Fix or widen first: {names}."
-    twice = assessed.isel(object=[0, 1, 2, 3, 0, 1])
-    assert first_sentence(twice).endswith(f"{names}, {twice.object.values[0]}, and 1 more.")
-    meets = assessed.assign(verdict=("object", ["meets the target"] * 4))
-    none = "Nothing needs to be done: all overturn at most once in 83,333 years."
-    assert first_sentence(meets) == none
-
-
-def test_records_and_hazard_stand_on_the_page(assessed):
-    source = "records, not selected for this site"
-    named = assessed.assign_attrs(record_source=source, hazard="curve.csv")
-    page = " ".join(write_inventory_page(named, []).split())
-    assert f"Hazard: curve.csv. Ground motions: {source}.<" in page
-    _, hazard = read_example_inventory()
-    example = named.assign_attrs(hazard_curve=str(hazard))
-    assert "EXAMPLE hazard, of no real place" in write_inventory_page(example, [])
 
 
 def test_a_hazard_that_ends_before_the_target_says_so(assessed):
@@ -394,9 +303,9 @@ def test_a_hazard_that_ends_before_the_target_says_so(assessed):
     assert (dataset.rate < last_rate).any()
     ends = f"once in {1 / last_rate:,.0f} years"
     for k in np.flatnonzero(dataset.rate < last_rate):
-        assert describe_years(dataset.isel(object=k), " years") == f"less than {ends}"
+        assert f"{describe_years(dataset.isel(object=k))} years" == f"less than {ends}"
     sentence = f"the hazard ends at {ends}; continue it to {2.5 / TARGET:,.0f} or ask for"
-    for text in (first_sentence(dataset), *list_remarks(dataset)[:1]):
+    for text in (first_sentence(dataset), list_remarks(dataset)[-1]):
         assert sentence in text
     # With the whole curve all is known.
     assert (assessed.verdict == "misses the target").all()
@@ -437,27 +346,11 @@ def test_rates_at_both_ends_of_an_assumed_restitution(with_assumed):
             expected = float(jr.risk.overturning_rate(block, coefficient, site).rate)
             assert float(answer[rate]) == pytest.approx(expected, rel=1e-3)
     page = write_inventory_page(dataset, [])
-    assert page.count("(Housner's, assumed)</td>") == 2
+    assert page.count("(assumed)</td>") == 2
     ax = plot_inventory(dataset)
     labels = [text.get_text() for legend in ax.figure.legends for text in legend.get_texts()]
     assert "with the low end of an assumed restitution" in labels
     plt.close(ax.figure)
-
-
-@pytest.mark.thorough
-def test_years_in_words(with_assumed):
-    _, dataset = with_assumed
-    answer = dataset.sel(object=NAMES[1]).copy(deep=True)
-    for rate, at_low, words in (
-        (9.1e-4, 5.1e-4, "1,100 to 2,000"),
-        (5e-4, 9.1e-4, "1,100 to 2,000"),
-        (5e-4, 5.01e-4, "2,000"),
-        (2e-3, 0.0, "500 or more"),
-        (0.0, 0.0, "less than once in 10,000"),
-    ):
-        answer["rate"] = rate
-        answer["rate_at_low_restitution"] = at_low
-        assert describe_years(answer) == words
 
 
 def test_the_edge_of_the_search_is_a_bound(assessed):
@@ -466,12 +359,10 @@ def test_the_edge_of_the_search_is_a_bound(assessed):
     site = jr.risk.Site(pulses(50), HAZARD, spacing=0.1)
     dataset = assess_inventory(inventory, site, 0.1, model="linearized")
     answer = dataset.isel(object=0)
-    assert bool(dataset.required_width_is_bound.all())
     assert (dataset.verdict == "meets the target").all()
     edge = 0.5 * float(answer.width)
     assert float(answer.required_width) == pytest.approx(edge)
     assert str(answer.need.values) == "suffices"
-    assert not bool(assessed.required_width_is_bound.any())
 
 
 def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, assessed):
@@ -493,7 +384,6 @@ def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, asse
     np.testing.assert_array_equal(written.rates, site.hazard.rates)
     assert str(site.hazard).startswith("EXAMPLE hazard, of no real place: hazard of pgv")
     page = (tmp_path / "here" / "inventory.html").read_text(encoding="utf-8")
-    assert "EXAMPLE hazard, of no real place" in page
     assert page.count("<img ") == 1
     assert "its objects and its hazard are made up" in text
     (command,) = re.findall(r"^ +jaxrock (.*)$", text, re.M)
@@ -525,28 +415,23 @@ def site(tmp_path):
 @pytest.mark.thorough
 def test_command(tmp_path, capsys, site):
     out = tmp_path / "out"
-    code, text, _ = run(capsys, "inventory", *site, "--out", out)
+    code, text, _ = run(capsys, "inventory", *site, "--out", out, "--json")
     assert code == 0
-    assert "of 3 objects overturn more often than once in 1,000 years, under" in text
-    names = {f"inventory.{kind}" for kind in ("nc", "csv", "png", "html")}
-    assert {path.name for path in out.iterdir()} == names
     expected = assess_inventory(
         read_inventory(site[0]),
         jr.risk.Site(jr.read_suite(site[2]), jr.risk.read_hazard(site[4]), spacing=0.04),
         1e-3,
     )
+    answer = json.loads(text)
+    assert [each["name"] for each in answer["objects"]] == expected.object.values.tolist()
+    assert [each["rate"] for each in answer["objects"]] == expected.rate.values.tolist()
     with xarray.open_dataset(out / "inventory.nc") as dataset:
         for name, variable in expected.data_vars.items():
             np.testing.assert_array_equal(dataset[name], variable)
     lines = (out / "inventory.csv").read_text(encoding="utf-8").splitlines()
     table = [line for line in lines if not line.startswith("#")]
     assert table[0].startswith("rank,name,one_sided,floor_period [s],")
-    assert "probability at 0.4359 m/s [-]" in table[0]
-    assert "note: weight [kg],note: inv. no.," in table[0]
+    assert "note: weight [kg],note: inv. no." in table[0]
     assert len(table) == 4
     page = (out / "inventory.html").read_text(encoding="utf-8")
     assert all(name in page for name in ("Vase; red", "bust", "case"))
-    code, text, _ = run(capsys, "inventory", *site, "--out", tmp_path / "again", "--json")
-    answer = json.loads(text)
-    assert [each["name"] for each in answer["objects"]] == expected.object.values.tolist()
-    assert [each["rate"] for each in answer["objects"]] == expected.rate.values.tolist()

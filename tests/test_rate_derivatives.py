@@ -18,8 +18,6 @@ PARAMETERS = {
     "inertia_ratio": 2.0,
     "restitution": 0.7,
 }
-# Of a block under a record of twenty, many of whose boundaries bound narrow windows.
-STATUE = {**PARAMETERS, "half_width": 0.3, "inertia_ratio": 4 / 3, "restitution": 0.8}
 
 
 def sine_site(**options):
@@ -28,69 +26,23 @@ def sine_site(**options):
     return jr.risk.Site(jr.Suite([sine]), jr.risk.Hazard(*CURVE), **options)
 
 
-def example_site():
-    curve = jr.risk.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
-    return jr.risk.Site(jr.example_suite(), curve)
-
-
-def rates_at_ends(parameters, site, change):
-    """Rates with each parameter changed to both sides, shape (names, 2)."""
-    ends = np.array(list(parameters.values()))[:, None, None] * np.ones((5, 2))
-    for k in range(5):
-        ends[k, k] *= 1 + change * np.array([-1, 1])
-    *block, restitution = ends.reshape(5, -1)
-    answer = jr.risk.overturning_rate(jr.Block(*block), restitution, site)
-    return np.asarray(answer.rate).reshape(5, 2)
-
-
-def compute_exact(parameters, site, change, rate):
-    """Elasticities from the rates at both ends, by located boundaries."""
-    low, high = rates_at_ends(parameters, site, change).T
-    return (high - low) / (2 * change) / float(rate)
-
-
-def ask_elasticities(parameters, site, change):
-    *block, restitution = parameters.values()
-    answer = jr.risk.rate_elasticities(jr.Block(*block), restitution, site, change=change)
-    assert answer.names == tuple(parameters)
-    return answer
-
-
 @DOUBLE
 def test_elasticities_under_a_sine():
-    """Against both exact rates."""
+    """Against the rates at both ends, by located boundaries."""
     site = sine_site()
-    answer = ask_elasticities(PARAMETERS, site, 0.02)
-    exact = compute_exact(PARAMETERS, site, 0.02, answer.rate.rate)
+    *block, restitution = PARAMETERS.values()
+    answer = jr.risk.rate_elasticities(jr.Block(*block), restitution, site, change=0.02)
+    assert answer.names == tuple(PARAMETERS)
+    ends = np.array([*PARAMETERS.values()])[:, None, None] * np.ones((5, 2))
+    for k in range(5):
+        ends[k, k] *= 1 + 0.02 * np.array([-1, 1])
+    *blocks, restitutions = ends.reshape(5, -1)
+    rates = jr.risk.overturning_rate(jr.Block(*blocks), restitutions, site).rate
+    low, high = np.reshape(rates, (5, 2)).T
+    exact = (high - low) / 0.04 / float(answer.rate.rate)
     np.testing.assert_allclose(answer.elasticity, exact, atol=1e-3)
     assert float(answer.elasticity[0]) == pytest.approx(-0.289, abs=1e-3)
-    assert str(answer).splitlines()[1].split() == ["over", "+-2%"]
-
-
-@DOUBLE
-@SLOW
-@pytest.mark.parametrize("change", [0.01, 0.02, 0.05])
-@pytest.mark.parametrize(
-    ("parameters", "make_site", "error"),
-    [
-        pytest.param(PARAMETERS, sine_site, 1e-5, id="one record"),
-        pytest.param(
-            STATUE, example_site, 0.01, id="twenty records", marks=pytest.mark.release
-        ),
-    ],
-)
-def test_elasticities_over_a_change(parameters, make_site, error, change):
-    """Against rates by `overturning_rate` at both ends.
-
-    Under twenty records there are steps of the levels with several boundaries, of which both
-    may locate different ones: so rates differ by up to 0.6 %, far less than what is not
-    detected.
-    """
-    site = make_site()
-    answer = ask_elasticities(parameters, site, change)
-    exact = compute_exact(parameters, site, change, answer.rate.rate)
-    atol = 1e-3 + error / (2 * change)
-    np.testing.assert_allclose(answer.elasticity, exact, rtol=0, atol=atol)
+    assert "over +-2%" in str(answer)
 
 
 SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
@@ -183,24 +135,6 @@ def test_derivatives_in_closed_form():
     assert abs(float(reverse[5])) < 1e-12 * float(value)  # no impact comes before
     forward = jax.jvp(rate, numbers, (*SHAPE, 0.0, 0.0, 0.0))[1]
     assert float(forward) == pytest.approx(np.dot(expected[:3], SHAPE), rel=1e-6)
-
-
-@SLOW
-@DOUBLE
-def test_derivatives_under_recorded_motions():
-    """A wider and a less slender block overturns more seldom."""
-    site = jr.risk.Site(jr.example_suite()[18:], example_site().hazard)
-
-    def rate(block, restitution):
-        return jr.risk.overturning_rate(block, restitution, site).rate
-
-    value, derivatives = jax.value_and_grad(rate, (0, 1))(jr.Block(0.3, 4.0), 0.8)
-    assert 0 < float(value) < 1e-4
-    assert all(np.isfinite(derivative) for derivative in jax.tree.leaves(derivatives))
-    assert float(derivatives[0].half_width) < 0 < float(derivatives[0].slenderness)
-
-
-NOISE = jr.risk.Hazard([0.1, 0.4, 1.0, 3.0], [1e-2, 1e-3, 1e-4, 1e-6])
 
 
 def two_sines():

@@ -134,8 +134,6 @@ def choose(
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     tolerance = float(tolerance)
     if isinstance(scene, tuple):
-        if shape is not None:
-            raise ValueError("shape must be left out for a motion, which has its own")
         return _choose_rtol(scene, tolerance)
     check_kind("scene", scene, Scene, hint="; or a tuple (block, restitution, motion)")
     widest = int(jnp.finfo(jnp.result_type(float)).bits)

@@ -275,7 +275,7 @@ def _bound_roundings(answers: Reals, precisions: dict[int, np.finfo]) -> dict[in
 def _vary_intensity(scene: Scene, factor: Reals | float, slip: Reals | float) -> list[Scene]:
     """Vary the intensity of a scene: times a factor, and times less and more than it."""
     factors = (factor, factor - slip, factor + slip)
-    return [_replace_intensity(scene, scene.intensity * multiple) for multiple in factors]
+    return [eqx.tree_at(lambda s: s.intensity, scene, scene.intensity * x) for x in factors]
 
 
 def _round_scene(scene: Scene, kind: np.finfo) -> Scene:
@@ -289,11 +289,6 @@ def _round_scene(scene: Scene, kind: np.finfo) -> Scene:
     # everywhere.
     ratio = 1 / round_leaf(1 / round_leaf(scene.block.inertia_ratio))
     return eqx.tree_at(lambda s: s.block.inertia_ratio, jax.tree.map(round_leaf, scene), ratio)
-
-
-def _replace_intensity(scene: Scene, intensity: Reals) -> Scene:
-    """Return the scene with another intensity."""
-    return eqx.tree_at(lambda s: s.intensity, scene, intensity)
 
 
 def _estimate_duration_costs(
@@ -312,7 +307,7 @@ def _estimate_duration_costs(
     # The critical intensity is where the block settles at the critical velocity: there the
     # shift of the velocity says by how much the intensity has to change the other way.
     critical = answers[0, 2]
-    at_limit = _replace_intensity(scene, critical)
+    at_limit = eqx.tree_at(lambda s: s.intensity, scene, critical)
     limit = Nonlinear().critical_velocity(scene.block)
     shift, unit_at_limit, known_at_limit = _estimate_shift(at_limit, limit, duration, pulse)
 

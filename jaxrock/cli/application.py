@@ -59,10 +59,8 @@ def make_application() -> App:
 
 def _write_default(value: object) -> str | None:
     """Write a default as it would be typed; None if there is none to be shown in help."""
-    items = [
-        x for x in (value if isinstance(value, tuple) else (value,)) if x not in (None, False)
-    ]
-    return " ".join(f"{x:.6g}" if isinstance(x, float) else str(x) for x in items) or None
+    items = value if isinstance(value, tuple) else (value,)
+    return " ".join(str(item) for item in items if item not in (None, False)) or None
 
 
 def run_command(words: Sequence[str]) -> int:
@@ -70,7 +68,6 @@ def run_command(words: Sequence[str]) -> int:
     # Commands answer in float64, whatever the default of the library is, and draw into files.
     jax.config.update("jax_enable_x64", True)
     os.environ["MPLBACKEND"] = "agg"
-    gc.freeze()  # imported modules stay, and need not be looked through again
     # Tracing makes many objects, and few of them are garbage.
     gc.set_threshold(100_000, 20, 50)
     keep_compiled()
@@ -85,24 +82,15 @@ def run_command(words: Sequence[str]) -> int:
     # What a user can do something about. All else is a fault of jaxrock, and shows its
     # traceback.
     except (ValueError, OSError, MemoryError, ModuleNotFoundError) as error:
-        # As in `jaxrock ... | head`: the reader has enough, which is no error. The exit code is
-        # the one of a program that SIGPIPE ends, which Python ignores: 128 plus 13.
-        has_reader = not isinstance(error, BrokenPipeError)
-        if has_reader:
-            _complain(f"error: {error}")
+        _complain(f"error: {error}")
         # Python would try again at its end to write what is left in the buffer.
         with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 2 if has_reader else 141
+        return 2
 
 
 def _compute_answer(words: Sequence[str]) -> Answer | None:
     """Return the answer of a command; None after help or the version, which are printed."""
-    for word in words:
-        if word[:1] in ("\N{EN DASH}", "\N{EM DASH}"):
-            raise ValueError(
-                f"{word!r} begins with a long dash; type two hyphens, as in --width"
-            )
     COMMAND_LINE.set(shlex.join(["jaxrock", *words]))
     try:
         command, given, _ = make_application().parse_args(

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from .. import calibration
 from .answers import Answer, list_rows
-from .motion_options import FloorOptions
 from .options import BlockOptions, Count, FileOutput, ModelName, refuse
 
 
@@ -39,16 +38,12 @@ def fit(
     """
     block = block_options.block_if_given
     refuse("where it is fitted", restitution=block_options.restitution)
-    if block is None:
-        refuse("without --width", model=model)
     times, peaks = calibration.read_impact_times(file)
     with output.write("fit", "fit.csv", "fit.png", dataset=False) as files:
         fitted = calibration.fit_free_rocking(
             times, block, peak_rotations=peaks, model=model, time_noise=time_noise
         )
         columns = fitted.table()
-        if peaks is not None:
-            columns["peak_rotation"] = [*peaks.tolist(), float("nan")]
         files.write_csv("fit.csv", columns)
         files.save_picture("fit.png", fitted.plot())
     data = {**fitted.summarize(), "rows": list_rows(columns)}
@@ -63,7 +58,6 @@ def validate(
     samples: Count | None = None,
     model: ModelName = "nonlinear",
     block_options: BlockOptions = BlockOptions(),
-    floor_options: FloorOptions = FloorOptions(),
     output: FileOutput = FileOutput(),
 ) -> Answer:
     """Fit blocks to tests with known outcomes, and score their predictions for other tests.
@@ -98,7 +92,7 @@ def validate(
     refuse("where it is fitted", restitution=block_options.restitution)
     tests = calibration.read_tests(file)
     campaign = calibration.check_campaign(
-        floor_options.put_on_floor(tests.suite),
+        tests.suite,
         tests.overturned,
         tests.groups,
         prior=block_options.block_if_given,

@@ -15,54 +15,45 @@ from .options import refuse
 # The panel of the help, below that of the block.
 MOTION = Group("Ground motion", sort_key=2)
 PulseShape = Literal["rectangular", "half-sine", "sine", "cosine", "ricker"]
-_OF_PULSES = ("amplitude", "pulse_duration")
 _OF_RECORDS = ("unit", "column", "vertical", "time_step")
-_OF_FLOORS = ("floor_period", "floor_damping", "floor_participation")
+_OF_FLOORS = ("floor_period", "floor_damping")
 
 
 @Parameter(name="*", group=MOTION)
 @dataclass(frozen=True, kw_only=True)
-class FloorOptions:
-    """Options that describe a floor."""
-
-    floor_period: float | None = None
-    """Period of the floor on which the block stands [s]. Without it, it stands on the ground."""
-    floor_damping: float | None = None
-    """Damping ratio of that floor [-]. 0.05 if not given."""
-    floor_participation: float | None = None
-    """Participation of its mode in the motion of that floor [-]. 1 if not given."""
-
-    def put_on_floor(self, suite: Suite) -> Suite:
-        """Put a suite on the floor; the suite itself where none is given."""
-        floor = {"damping": self.floor_damping, "participation": self.floor_participation}
-        if self.floor_period is None:
-            refuse("without --floor-period", **{f"floor_{n}": v for n, v in floor.items()})
-            return suite
-        check("floor_period", self.floor_period, POSITIVE)
-        check("floor_period", self.floor_period, ground_motion.FLOOR_PERIOD)
-        given = {name: value for name, value in floor.items() if value is not None}
-        step = ground_motion.choose_floor_step(self.floor_period)
-        return suite.on_floor(self.floor_period, time_step=step, **given)
-
-
-@Parameter(name="*", group=MOTION)
-@dataclass(frozen=True, kw_only=True)
-class RecordOptions(FloorOptions):
-    """Options that files of records have in common."""
+class RecordOptions:
+    """Options that files of records have in common, and their floor."""
 
     unit: str | None = None
     """Unit of records, if the files state none: m/s2, cm/s2, mm/s2, gal, g, %g or mg."""
     time_step: float | None = None
     """Time between samples [s], if the files state none."""
+    floor_period: float | None = None
+    """Period of the floor on which the block stands [s]. Without it, it stands on the ground."""
+    floor_damping: float | None = None
+    """Damping ratio of that floor [-]. 0.05 if not given."""
 
-    def read_records(self, records: str, vertical: bool = False) -> Suite:
+    def put_on_floor(self, suite: Suite) -> Suite:
+        """Put a suite on the floor; the suite itself where none is given."""
+        if self.floor_period is None:
+            refuse("without --floor-period", floor_damping=self.floor_damping)
+            return suite
+        check("floor_period", self.floor_period, POSITIVE)
+        check("floor_period", self.floor_period, ground_motion.FLOOR_PERIOD)
+        damping = (
+            ground_motion.FLOOR_DAMPING if self.floor_damping is None else self.floor_damping
+        )
+        step = ground_motion.choose_floor_step(self.floor_period)
+        return suite.on_floor(self.floor_period, damping, time_step=step)
+
+    def read_records(self, records: str) -> Suite:
         """Read the records of a folder, or take the suite of this name; on their floor."""
         stated = {"unit": self.unit, "time_step": self.time_step}
         if Path(records).exists():
-            suite = ground_motion.read_suite(records, **stated, vertical=vertical)
+            suite = ground_motion.read_suite(records, **stated)
         else:
             refuse(f"with --records {records}", **stated)
-            suite = ground_motion.find_suite(records, vertical)
+            suite = ground_motion.find_suite(records)
         return self.put_on_floor(suite)
 
 
@@ -128,14 +119,13 @@ class MotionOptions(RecordOptions):
                 raise ValueError("--amplitude and --pulse-duration must be given with --pulse")
             check("pulse_duration", self.pulse_duration, POSITIVE)
             return ground_motion.PULSES[self.pulse](self.amplitude, self.pulse_duration)
-        refuse("with --record", **{name: getattr(self, name) for name in _OF_PULSES})
-        stated = {name: getattr(self, name) for name in _OF_RECORDS}
+        refuse("with --record", amplitude=self.amplitude, pulse_duration=self.pulse_duration)
         if self.record == "example":
-            vertical = stated.pop("vertical") is not None
-            column = stated.pop("column") or "north"
-            refuse("with --record example", **stated)
-            record = ground_motion.example_record(column, vertical=vertical)
+            refuse("with --record example", unit=self.unit, time_step=self.time_step)
+            upward = self.vertical is not None
+            record = ground_motion.example_record(self.column or "north", vertical=upward)
         else:
+            stated = {name: getattr(self, name) for name in _OF_RECORDS}
             record = ground_motion.read_record(str(self.record), **stated)
         return self.put_on_floor(Suite([record])).records[0]
 
@@ -148,14 +138,12 @@ class SuiteOptions(RecordOptions):
     records: str = "example"
     """Folder of records, "example" for jaxrock's twenty, or a set of FEMA P695, such as
     fema-far-field."""
-    with_vertical: bool = False
-    """Include the vertical component of each record."""
     hazard: Path | None = None
     """A .csv file with levels and rates per year, or a hazard curve of OpenQuake."""
 
     def read_suite(self, one_sided: bool = False) -> Suite:
         """Read the records on their floor; of one-sided blocks in both directions."""
-        suite = self.read_records(self.records, self.with_vertical)
+        suite = self.read_records(self.records)
         # The answers of free-standing blocks are the same in each direction.
         return suite.both_directions() if one_sided else suite
 

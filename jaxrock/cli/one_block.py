@@ -26,7 +26,6 @@ _SUMMARY = (
 def assess(
     *,
     intensity: float | None = None,
-    tolerance: float | None = None,
     details: bool = False,
     block_options: BlockOptions = BlockOptions(),
     output: Output = Output(),
@@ -43,17 +42,12 @@ def assess(
     ----------
     intensity
         Change of ground velocity in each pulse [m/s].
-    tolerance
-        With an intensity, name the equation and the precision that are good enough for this
-        relative error.
     details
         Print all answers, of the linearized and the nonlinear equation side by side, with
         sensitivities to the restitution, the size and the intensity.
     """
     block, c = block_options.block, block_options.coefficient
-    if intensity is None:
-        refuse("without --intensity", tolerance=tolerance)
-    answers = assess_block(block, c, intensity, tolerance=tolerance)
+    answers = assess_block(block, c, intensity)
     answers["scene"]["restitution_assumed"] = block_options.restitution is None
     text = answers.details() if details else answers
     return Answer(text, answers, output)
@@ -98,21 +92,19 @@ def respond(
         nearby = driven.respond_batch(block, c, scaled, length, model=model)
         history = response.table(np.linspace(0, length, 4001)).assign_attrs(scene=title)
         files.write_dataset(history, response.plot(), title)
-        impacts = {
-            "time": response.impact_times,
-            "velocity_before": response.impact_velocities,
-        }
-        columns = {name: np.asarray(column).tolist() for name, column in impacts.items()}
+        times, velocities = response.impact_times, response.impact_velocities
+        columns = {"time": times.tolist(), "velocity_before": velocities.tolist()}
         files.write_csv("impacts.csv", columns, scene=title)
     data = {"status": status.name.lower(), "uplift_factor": uplift}
     data |= {name: np.asarray(getattr(response, name)).item() for name in _SUMMARY}
     strength = describe_strength(motion) if isinstance(motion, Record) else str(motion)
     lines = [title, strength, str(response)]
-    stands = ~np.asarray(nearby.overturned)
-    ratios = np.asarray(nearby.peak_rotation / block.critical_angle)[stands]
-    peaks = []
-    if ratios.size:
-        peaks.append(f"{ratios.min():.2g} to {ratios.max():.2g} of the critical angle")
+    ratios = np.asarray(nearby.peak_rotation / block.critical_angle)[~nearby.overturned]
+    peaks = (
+        [f"{ratios.min():.2g} to {ratios.max():.2g} of the critical angle"]
+        if ratios.size
+        else []
+    )
     peaks += [f"overturns at {41 - ratios.size} of 41"] * (ratios.size < 41)
     lines.append(f"peaks for factors of 0.9 to 1.1 on the motion: {'; '.join(peaks)}")
     lifts = f"the motion multiplied by {uplift:.4g} just lifts the block"

@@ -9,11 +9,9 @@ import numpy as np
 from .. import spectra
 from ..accuracy import measure_tradeoff
 from ..block import RECTANGLE_INERTIA_RATIO
-from ..driven import uplift_acceleration
 from ..grids import compute_overturned_fraction
 from ..impact import describe_assumed_restitution, require_free_standing
 from ..reports import paper as report_of_paper
-from ..resonance import Scene, as_model
 from .answers import Answer
 from .motion_options import MotionOptions
 from .options import BlockOptions, Count, FileOutput, Grid, ModelName, read_axis, refuse
@@ -29,7 +27,7 @@ def spectrum(  # noqa: PLR0913
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     one_sided: bool = False,
     model: Literal["linearized", "nonlinear", "auto"] = "linearized",
-    tolerance: float | None = None,
+    tolerance: float = 1e-3,
     output: FileOutput = FileOutput(),
 ) -> Answer:
     """Compute resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
@@ -60,10 +58,8 @@ def spectrum(  # noqa: PLR0913
         Equation of free rocking; auto takes the cheapest equation within the tolerance at
         each point.
     tolerance
-        Allowed relative error, for the model auto. 1e-3 if not given.
+        Allowed relative error, for the model auto.
     """
-    if model != "auto":
-        refuse("without --model auto", tolerance=tolerance)
     default = (0.4, 0.45, 0.5) if one_sided else (0.6, 0.7, 0.8)
     given = {"slenderness": slenderness, "width": width, "restitution": restitution or default}
     axes = [read_axis(name, grid) for name, grid in (given | {"intensity": intensity}).items()]
@@ -74,7 +70,7 @@ def spectrum(  # noqa: PLR0913
         with spectra.resonance_spectrum(
             *axes,
             model=model,
-            tolerance=1e-3 if tolerance is None else tolerance,
+            tolerance=tolerance,
             gravity=gravity,
             inertia_ratio=inertia_ratio,
             one_sided=one_sided,
@@ -140,10 +136,8 @@ def rocking_spectrum(
 
 def harmonic(
     *,
-    frequency_ratio: Grid | None = None,
+    frequency_ratio: Grid = ("1:12:45",),
     amplitude_ratio: Grid | None = None,
-    frequency: Grid | None = None,
-    amplitude: Grid | None = None,
     model: ModelName = "nonlinear",
     cycles: Count = 100,
     block_options: BlockOptions = BlockOptions(),
@@ -154,50 +148,37 @@ def harmonic(
     The map shows where the block rocks steadily with one impact in every half period, whether
     this motion is stable, and how high the block rocks. Where it is not stable, the map shows
     the outcome of a launch near it. The files also have the outcome of a start from rest. With
-    a width, the axes are in Hz and m/s2. Without a width they are ratios, and the map holds
-    for every size of block. Writes harmonic.nc, harmonic.csv and harmonic.png.
+    a width, the results have frequencies in Hz and amplitudes in m/s2. Without a width they are
+    ratios, and the map holds for every size of block. Writes harmonic.nc, harmonic.csv and
+    harmonic.png.
 
     Example: jaxrock harmonic --slenderness 5 --restitution 0.9 --frequency-ratio 1:12:45
 
-    Example: jaxrock harmonic --width 0.4 --height 2 --frequency 0.5:5:46
+    Example: jaxrock harmonic --width 0.4 --height 2
 
     Parameters
     ----------
     frequency_ratio
-        Frequency of the floor over p [-]. 1:12:45 if not given.
+        Frequency of the floor over p [-].
     amplitude_ratio
         Amplitude of the floor over the amplitude that just lifts the block [-]. If not given,
         60 logarithmically spaced values from 0.05 to 12.
-    frequency
-        Frequency of the floor [Hz], if a width is given.
-    amplitude
-        Amplitude of the floor [m/s2], if a width is given.
     model
         Equation of motion.
     cycles
         Number of simulated periods of the floor.
     """
     with_size = block_options.width is not None
-    ratios = {"frequency_ratio": frequency_ratio, "amplitude_ratio": amplitude_ratio}
-    if with_size:
-        refuse("with --width", **ratios)
-    else:
+    if not with_size:
         refuse("without --width", height=block_options.height)
-        refuse("without --width", frequency=frequency, amplitude=amplitude)
         # Ratios do not depend on the size: 1 m stands in.
         slenderness = block_options.slenderness or 5.0
         block_options = replace(block_options, width=1.0, slenderness=slenderness)
     block = block_options.block
-    frequencies = read_axis("frequency_ratio", frequency_ratio or ("1:12:45",))
+    frequencies = read_axis("frequency_ratio", frequency_ratio)
     amplitudes = np.geomspace(0.05, 12, 60)
     if amplitude_ratio is not None:
         amplitudes = read_axis("amplitude_ratio", amplitude_ratio)
-    if frequency is not None:
-        unit = float(block.frequency_parameter) / (2 * np.pi)
-        frequencies = read_axis("frequency", frequency) / unit
-    if amplitude is not None:
-        unit = float(uplift_acceleration(block, as_model(model)))
-        amplitudes = read_axis("amplitude", amplitude) / unit
     require_free_standing(block, "a harmonic spectrum")
     with output.write("harmonic") as files:
         from ..plot import plot_harmonic
@@ -215,29 +196,17 @@ def harmonic(
 
 def tradeoff(
     *,
-    intensity: float | None = None,
     block_options: BlockOptions = BlockOptions(),
     motion_options: MotionOptions = MotionOptions(),
     output: FileOutput = FileOutput(),
 ) -> Answer:
     """Measure error and time of each equation, solver and precision on this machine.
 
-    The block is under a pulse or a record, or with --intensity under pulses right after each
-    impact. Writes tradeoff.nc, tradeoff.csv and tradeoff.png.
+    The block is under a pulse or a record. Writes tradeoff.nc, tradeoff.csv and tradeoff.png.
 
     Example: jaxrock tradeoff --width 0.8 --height 4 --record example
-
-    Parameters
-    ----------
-    intensity
-        Change of ground velocity in each instantaneous pulse [m/s].
     """
-    block, c = block_options.block, block_options.coefficient
-    if intensity is None:
-        scene = block, c, motion_options.read()
-    else:
-        motion_options.refuse("with --intensity")
-        scene = Scene(block, c, intensity)
+    scene = block_options.block, block_options.coefficient, motion_options.read()
     with output.write("tradeoff") as files:
         from ..plot import plot_tradeoff
 

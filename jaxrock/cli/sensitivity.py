@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -10,7 +10,7 @@ from .. import resonance
 from .. import sensitivity as dependence
 from ..block import SIZE_NAMES, block_of, size_of
 from ..ground_motion import Suite
-from ..sensitivity import Derivatives, Uncertain
+from ..sensitivity import Uncertain
 from ..tables import write_label
 from ..validation import Number, Reals
 from .answers import Answer, list_rows
@@ -87,11 +87,12 @@ def sensitivity(
         files.write_csv("sensitivity.csv", columns, block=block_options.text)
         label = write_label(answer.replace("-", "_"))
         files.save_picture("tornado.png", plot_tornado(bars, label=label))
-    known = moments.within_tolerance
-    mean, deviation = (moments.mean, moments.standard_deviation) if known else (math.nan,) * 2
     data = {"answer": answer, "model": model, "value": local.value, "rows": list_rows(columns)}
-    data |= {"mean": mean, "standard_deviation": deviation, "within_tolerance": known}
-    spread = f"{mean:.6g} +- {deviation:.3g}" if known else "not known, as samples show"
+    for name in ("mean", "standard_deviation", "within_tolerance"):
+        data[name] = getattr(moments, name)
+    spread = "not known, as samples show"
+    if moments.within_tolerance:
+        spread = f"{moments.mean:.6g} +- {moments.standard_deviation:.3g}"
     given = f"by the {model} model, with a variation of {coefficient_of_variation:g} in each"
     text = f"{block_options.text}\n{answer} {local}\n{given}: {spread}"
     return Answer(text, data, output, files.paths)
@@ -178,10 +179,7 @@ def driven_sensitivity(  # noqa: PLR0913
                 block, c, motion, _make_ranges(at), answer=name, model=model
             )
             columns |= local.table() | bars.table(list(at))
-            texts += ["", f"{answer} {bars}"]
-            texts += [
-                _describe(local, row, coefficient_of_variation) for row in list_rows(columns)
-            ]
+            texts += ["", f"{answer} {bars}", local]
             data |= {"answer": answer, "value": bars.value}
             label = write_label(name)
             files.save_picture("tornado.png", plot_tornado(bars, label=label))
@@ -190,16 +188,6 @@ def driven_sensitivity(  # noqa: PLR0913
         files.save_picture("probabilities.png", outcomes.plot())
     data |= {"probabilities": list_rows(outcomes.table()), "rows": list_rows(columns)}
     return Answer("\n".join(map(str, texts)), data, output, files.paths)
-
-
-def _describe(local: Derivatives, row: Mapping[str, Any], variation: float) -> str:
-    """Say what is known of a derivative, and the finite change where that does not suffice."""
-    name, value = row["quantity"], row["value"]
-    why = "" if local.within_tolerance[name] or math.isnan(local.value) else "; not certified"
-    if min(value - row["below"], row["above"] - value) < variation * abs(value):
-        why += "; less than the coefficient of variation"
-    change = "; {at_low:.4g} at {low:.4g}, {at_high:.4g} at {high:.4g}".format_map(row)
-    return local.explain(name) + why + (why and change)
 
 
 def _list_parameters(options: BlockOptions) -> dict[str, float]:

@@ -18,12 +18,10 @@ from .options import (
     refuse,
 )
 
-_EXAMPLE_HAZARD = "EXAMPLE hazard, of no real place"
 _NEXT_STEPS = """
 This was an example: its objects and its hazard are made up. For yours, replace the contents of
 {0} and {1} in a spreadsheet, save as CSV, and type:
-   jaxrock inventory {0} --hazard {1} --target-return-period 2475 --out my-objects
-Then open my-objects/inventory.html in a browser, and print it."""
+   jaxrock inventory {0} --hazard {1} --target-return-period 2475 --out my-objects"""
 
 
 def fragility(  # noqa: PLR0913
@@ -32,8 +30,7 @@ def fragility(  # noqa: PLR0913
     levels: Grid | None = None,
     thresholds: tuple[float | str, ...] = ("uplift", 0.5, 1.0, "overturning"),
     uncertain: tuple[str, ...] = (),
-    samples: Count | None = None,
-    elasticities: bool = False,
+    samples: Count = 64,
     target_return_period: float | None = None,
     model: ModelName = "nonlinear",
     suite_options: SuiteOptions = SuiteOptions(),
@@ -64,9 +61,7 @@ def fragility(  # noqa: PLR0913
         pair for the size: width and height, half_width and slenderness, or critical_angle and
         frequency_parameter.
     samples
-        Number of samples of uncertain parameters, a power of 2. 64 if not given.
-    elasticities
-        With a hazard: by how many per cent the rate changes if a parameter changes by 1 %.
+        Number of samples of uncertain parameters, a power of 2.
     target_return_period
         With a hazard: find the width at this height from which on the block overturns at most
         once in so many years [yr].
@@ -79,9 +74,7 @@ def fragility(  # noqa: PLR0913
     hazard = suite_options.read_hazard(measure)
     site = None if hazard is None else risk.Site(suite, hazard, measure)
     if site is None:
-        refuse(
-            "without --hazard", elasticities=elasticities or None, target_return_period=target
-        )
+        refuse("without --hazard", target_return_period=target)
     uncertainty = _read_uncertain(uncertain, samples)
     with output.write("fragility") as files:
         from ..plot import plot_fragility
@@ -99,11 +92,6 @@ def fragility(  # noqa: PLR0913
             rate = risk.overturning_rate(block, c, site, uncertainty, model=model)
             texts.append(rate)
             data |= {"hazard": str(hazard), **rate.table()}
-            if elasticities and rate.rate >= rate.last_rate:  # else there is no rate to change
-                by = "shape" if block_options.height is None else "sides"
-                changes = risk.rate_elasticities(block, c, site, model=model, by=by)
-                texts.append(changes)
-                data["elasticities"] = changes.table()
             if target is not None:
                 required = risk.required_value(block, c, site, target, model=model)
                 texts.append(required)
@@ -111,10 +99,9 @@ def fragility(  # noqa: PLR0913
     return Answer("\n".join(map(str, texts)), data, output, files.paths)
 
 
-def _read_uncertain(words: tuple[str, ...], samples: int | None) -> Uncertain | None:
+def _read_uncertain(words: tuple[str, ...], samples: int) -> Uncertain | None:
     """Read what is uncertain; None without any."""
     if not words:
-        refuse("without --uncertain", samples=samples)
         return None
     pairs = [word.partition("=") for word in words]
     try:
@@ -123,7 +110,7 @@ def _read_uncertain(words: tuple[str, ...], samples: int | None) -> Uncertain | 
         raise ValueError(
             f"--uncertain must be NAME=NUMBER, such as restitution=0.05, got {' '.join(words)}"
         ) from None
-    return Uncertain(coefficients, samples=64 if samples is None else samples)
+    return Uncertain(coefficients, samples=samples)
 
 
 def inventory(
@@ -132,7 +119,6 @@ def inventory(
     target_return_period: float | None = None,
     measure: Literal["pgv", "pga"] | None = None,
     no_required_width: bool = False,
-    elasticities: bool = False,
     model: ModelName = "nonlinear",
     suite_options: SuiteOptions = SuiteOptions(),
     output: FileOutput = FileOutput(),
@@ -145,9 +131,9 @@ def inventory(
     columns are copied into inventory.csv.
     Objects against a wall have yes in a column one-sided. Objects on upper floors have a
     floor period [s] and optionally a floor damping. Give the hazard of the ground by --hazard.
-    For each object the command gives the uplift intensity, the probability and the rate of
-    overturning, and the width that it needs at this height: with it, and with any larger width,
-    the rate stays below the target. Where no restitution is given, the command computes the rate
+    For each object the command gives the uplift intensity, the rate of overturning, and the
+    width that it needs at this height: with it, and with any larger width, the rate stays below
+    the target. Where no restitution is given, the command computes the rate
     with a low and with a high one.
 
     Writes inventory.nc, inventory.csv, inventory.png and inventory.html, a page to print.
@@ -167,15 +153,11 @@ def inventory(
         Peak ground velocity [m/s] or acceleration [m/s2]; by default the one of the hazard.
     no_required_width
         Leave out the search for the width that each object needs, which takes most of the time.
-    elasticities
-        Compute by how many per cent the rate of each object changes if its width, its height or
-        its restitution changes by 1 %.
     model
         Equation of motion.
     """
     is_example = str(file) == "example"
     if is_example:
-        refuse("with example", hazard=suite_options.hazard)
         objects, hazard = risk.read_example_inventory()
         target_return_period = target_return_period or 2475.0  # 2 % in 50 years
     else:
@@ -194,22 +176,19 @@ def inventory(
 
         if is_example:
             risk.write_example_inventory(files.folder)
-        asked = {"required_width": not no_required_width, "elasticities": elasticities}
-        assessed = risk.assess_inventory(objects, site, target, model=model, **asked)
-        name = _EXAMPLE_HAZARD if is_example else str(suite_options.hazard)
-        assessed = assessed.assign_attrs(hazard=name)
+        assessed = risk.assess_inventory(
+            objects, site, target, required_width=not no_required_width, model=model
+        )
         table = risk.tabulate_inventory(assessed)
         files.write_dataset(assessed, plot_inventory(assessed), table=table)
-        page = risk.write_inventory_page(
-            assessed, [(files.folder / "inventory.png").read_bytes()]
-        )
+        picture = (files.folder / "inventory.png").read_bytes()
+        page = risk.write_inventory_page(assessed, [picture])
         (files.folder / "inventory.html").write_text(page, encoding="utf-8")
-    lines = [risk.describe_inventory(assessed), *risk.list_remarks(assessed)]
+    text = risk.describe_inventory(assessed)
     if is_example:
-        lines.append(_NEXT_STEPS.format(*files.paths[-2:]))
+        text += _NEXT_STEPS.format(*files.paths[-2:])
     data = {"target": target, "measure": site.measure, "objects": list_rows(table)}
-    data["levels"] = assessed.level.values.tolist()
-    return Answer("\n".join(lines), data, output, files.paths)
+    return Answer(text, data, output, files.paths)
 
 
 def _read_target(period: float) -> float:

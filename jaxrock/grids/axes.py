@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 import numpy as np
 from typing_extensions import TypeAliasType
 
-from ..tables import QUANTITIES
+from ..tables import QUANTITIES, UNITS
 from ..validation import Number, as_real, check, check_concrete
 
 if TYPE_CHECKING:
@@ -34,10 +34,9 @@ def as_axis(name: str, value: Values) -> np.ndarray:
     """
     quantity = QUANTITIES[name]
     check_concrete(value, f"{name} is an axis of a dataset")
-    # This call only raises for anything but numbers. Its array has the precision of JAX; the
-    # axis stays in float64, since coordinates are compared with the values that were asked
-    # for.
-    as_real(name, value, unit=quantity.unit)
+    # This only raises for anything but numbers. Its array has the precision of JAX; the axis
+    # stays in float64, since coordinates are compared with the values that were asked for.
+    as_real(name, value, unit=UNITS[name].removeprefix("-"))
     values = np.asarray(value, dtype=float)
     if values.ndim > 1 or values.size == 0:
         raise ValueError(

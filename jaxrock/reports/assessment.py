@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 
 from .. import resonance
-from ..accuracy import choose
 from ..block import Block, size_of
 from ..host import Printed, format_table
 from ..impact import (
@@ -32,7 +31,7 @@ class Assessment(Printed, dict[str, Any]):
 
     ``scene`` has the quantities that do not depend on the model, ``models`` the answers of each
     model, NaN where a quantity does not exist, and ``linearization_error`` the answers of
-    `Linearized` over those of `Nonlinear`, minus 1. With a tolerance there is ``choice``.
+    `Linearized` over those of `Nonlinear`, minus 1.
     """
 
     def __init__(self, block: Block, answers: dict[str, Any]):
@@ -70,8 +69,6 @@ class Assessment(Printed, dict[str, Any]):
                 outcome = f"it overturns in half-cycle {half_cycle:.0f}"
             pulses = f"pulses of {scene['intensity']:.3g} m/s, one after each impact"
             lines.append(f"{pulses}: {first} after the first; {outcome}")
-        if "choice" in self:
-            lines.append(f"to {self['choice']['tolerance']:g}: {self['choice']['reason']}")
         return "\n".join(lines)
 
     def details(self) -> str:
@@ -81,32 +78,21 @@ class Assessment(Printed, dict[str, Any]):
         -------
         str
         """
-        models = [_flatten(model) for model in self["models"].values()]
+        linearized, nonlinear = (_flatten(model) for model in self["models"].values())
         errors = _flatten(self["linearization_error"])
-        columns: dict[str, list[str]] = {"linearized": [], "nonlinear": [], "error": []}
-        names = []
-        for name in models[0]:
-            numbers = [model[name] for model in models]
-            if not all(map(math.isnan, numbers)):
-                names.append(name)
-                error = errors.get(name, math.nan)
-                percent = f"{100 * error:+.2f} %" if math.isfinite(error) else ""
-                cells = (*(f"{number:.6g}" for number in numbers), percent)
-                for column, cell in zip(columns.values(), cells, strict=True):
-                    column.append(cell)
+        names = [n for n in linearized if not math.isnan(linearized[n] * nonlinear[n])]
+        columns = {
+            "linearized": [linearized[name] for name in names],
+            "nonlinear": [nonlinear[name] for name in names],
+            "error": [f"{100 * errors[n]:+.2f} %" if n in errors else "" for n in names],
+        }
         described = _flatten(self["scene"])
         scene = format_table("\nthe scene, in SI", list(described), value=described.values())
         labels = [name.replace("s:", "s of the rotation ratio:") for name in names]
         return f"{self}\n{scene}\n{format_table('', labels, **columns)}"
 
 
-def assess(
-    block: Block,
-    restitution: Number,
-    intensity: Number | None = None,
-    *,
-    tolerance: float | None = None,
-) -> Assessment:
+def assess(block: Block, restitution: Number, intensity: Number | None = None) -> Assessment:
     """Compute geometry, critical intensities and, for an intensity, the response to pulses.
 
     Parameters
@@ -118,9 +104,6 @@ def assess(
     intensity : float, optional
         Change of ground velocity in each pulse, I [m/s]. If given, the answer also has the
         first response, the stabilized phase and their sensitivities.
-    tolerance : float, optional
-        Allowed relative error; needs an intensity. If given, the answer also names the
-        cheapest equation and precision within this error; see `choose`.
 
     Returns
     -------
@@ -143,23 +126,10 @@ def assess(
     1.111 s
     """
     check_kind("block", block, Block)
-    if tolerance is not None and intensity is None:
-        raise ValueError("tolerance needs an intensity, whose answers have errors")
     # Without an intensity, nothing here reads that of the scene.
     scene = Scene(block, restitution, 0.0 if intensity is None else intensity)
     check_concrete(scene, "an assessment has plain numbers, which are printed")
-    result = _assess(scene, with_pulses=intensity is not None)
-    if tolerance is not None:
-        choice = choose(scene, tolerance)
-        result["choice"] = {
-            "tolerance": tolerance,
-            "level": choice.setting.level,
-            "bits": choice.setting.bits,
-            "predicted_error": float(choice.error),
-            "within_tolerance": bool(choice.within_tolerance),
-            "reason": str(choice),
-        }
-    return result
+    return _assess(scene, with_pulses=intensity is not None)
 
 
 def _assess(scene: Scene, with_pulses: bool) -> Assessment:

@@ -13,12 +13,12 @@ from .inventory_dataset import NOT_KNOWN as NOT_KNOWN
 from .inventory_dataset import describe_inventory as describe_inventory
 from .inventory_dataset import describe_place as describe_place
 from .inventory_dataset import describe_years as describe_years
+from .inventory_dataset import list_remarks as list_remarks
 from .inventory_dataset import tabulate_inventory as tabulate_inventory
 from .inventory_files import EXAMPLE_FILES as EXAMPLE_FILES
 from .inventory_files import read_example_inventory as read_example_inventory
 from .inventory_files import read_inventory
 from .inventory_files import write_example_inventory as write_example_inventory
-from .inventory_page import list_remarks as list_remarks
 from .inventory_page import write_inventory_page
 from .lognormal import LognormalFit as LognormalFit
 from .overturning_rate import OverturningRate, overturning_rate

@@ -12,17 +12,9 @@ from ..host import Labelled, add_names, format_table, make_dataset
 from ..numerics import bound_probabilities
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..sensitivity import Uncertain
-from ..validation import (
-    POSITIVE,
-    Number,
-    Numbers,
-    as_name,
-    as_real,
-    check,
-    check_kind,
-)
+from ..validation import POSITIVE, Number, Numbers, as_name, as_real, check, check_kind
 from .hazard import check_levels
-from .lognormal import fit_lognormal
+from .lognormal import LognormalFit, fit_lognormal
 from .objects import gather_objects
 from .response_table import simulate_responses
 from .site import require_single_scales
@@ -139,24 +131,30 @@ def fragility(
     table = simulate_responses(objects, suite, levels, measure, uncertain, model)
     # The directions of a record count as one record, by their mean; samples by theirs.
     counts = table.exceed(limits).mean(axis=2).sum(axis=0) / suite.directions
-    owner, limit, boundary, sign = table.locate_boundaries(limits)
     samples = table.rotation_ratio.shape[2]
+    owner, limit, boundary, sign = table.locate_boundaries(limits)
     weight = sign / (samples * suite.directions)
-
-    def compute_curve(k: int, t: int) -> dict[str, np.ndarray | float | str]:
-        """Compute the curve of an object and a threshold, by their numbers."""
+    shape = counts.shape[:2]
+    curves = []
+    for k, t in np.ndindex(shape):
         own = (owner == k) & (limit == t)
         parts = (counts[k, t], boundary[own], weight[own])
-        return _compute_curve(*parts, levels, suite.recordings)
-
-    curves = [
-        [compute_curve(k, t) for t in range(limits.size)] for k in range(coefficient.size)
-    ]
-    # Files have no booleans.
-    overturned = np.asarray(table.response.overturned).astype(np.int8)
-    values = {"rotation_ratio": table.rotation_ratio, "overturned": overturned}
-    for name in curves[0][0]:
-        values[name] = np.array([[curve[name] for curve in row] for row in curves])
+        curves.append(_fit_curve(*parts, levels, suite.recordings))
+    # A record counts by the fraction of its samples, whose variance is smaller than that of a
+    # single outcome with the same mean: the interval is too wide, never too narrow.
+    low, high = bound_probabilities(counts, suite.recordings, _CONFIDENCE)
+    values = {
+        "exceedance": counts / suite.recordings,
+        "exceedance_low": low,
+        "exceedance_high": high,
+        "lognormal": np.reshape([curve.at(levels) for curve in curves], counts.shape),
+        "lognormal_median": np.reshape([curve.median for curve in curves], shape),
+        "lognormal_dispersion": np.reshape([curve.dispersion for curve in curves], shape),
+        "remark": np.reshape([curve.remark for curve in curves], shape),
+        "rotation_ratio": table.rotation_ratio,
+        # Files have no booleans.
+        "overturned": np.asarray(table.response.overturned).astype(np.int8),
+    }
     long_name, unit, _ = MEASURES[measure]
     variables = label_variables(_VARIABLES, values, unit)
     coordinates = {
@@ -189,18 +187,20 @@ def fragility(
 
 def describe_fragility(curves: "xarray.Dataset") -> str:
     """Write medians and dispersions of the curves of one block, and remarks on them."""
-    measure, names = curves.attrs["measure"], curves.threshold.values.tolist()
+    measure = curves.attrs["measure"]
     unit = "" if MEASURES[measure][2] else f" [{MEASURES[measure][1]}]"
-    levels = curves.level.values
-    # The levels may not reach a median; uplift is located below them as well.
-    medians = [
-        x if x <= levels[-1] and (name == "uplift" or x >= levels[0]) else "-"
-        for name, x in zip(names, curves["lognormal_median"].values.tolist(), strict=True)
-    ]
-    columns = {f"median{unit}": medians, "dispersion": curves["lognormal_dispersion"].values}
-    title = f"lognormal curves from {levels.size} levels of {measure}, {levels[0]:.4g} to"
+    low, high = curves.level.values[[0, -1]]
+    names = curves.threshold.values.tolist()
     labels = [n if n in NAMED_THRESHOLDS else f"rotation ratio {n}" for n in names]
-    lines = [format_table(f"{title} {levels[-1]:.4g}{unit}", labels, **columns)]
+    columns = {
+        f"median{unit}": curves["lognormal_median"].values,
+        "dispersion": curves["lognormal_dispersion"].values,
+    }
+    number = curves.sizes["level"]
+    title = (
+        f"lognormal curves from {number} levels of {measure}, {low:.4g} to {high:.4g}{unit}"
+    )
+    lines = [format_table(title, labels, **columns)]
     if "record_source" in curves.attrs:
         lines.insert(0, f"records: {curves.attrs['record_source']}")
     remarks = zip(labels, curves.remark.values, strict=True)
@@ -209,14 +209,10 @@ def describe_fragility(curves: "xarray.Dataset") -> str:
 
 def tabulate_fragility(curves: "xarray.Dataset") -> dict[str, object]:
     """List thresholds, medians, dispersions and remarks of the curves of one block."""
-    names = {"median": "lognormal_median", "dispersion": "lognormal_dispersion"}
-    names |= {"thresholds": "threshold", "remarks": "remark"}
+    names = {"thresholds": "threshold", "median": "lognormal_median", "remarks": "remark"}
+    names |= {"dispersion": "lognormal_dispersion"}
+    source = {name: text for name, text in curves.attrs.items() if name == "record_source"}
     columns = {name: curves[variable].values.tolist() for name, variable in names.items()}
-    source = (
-        {"record_source": curves.attrs["record_source"]}
-        if "record_source" in curves.attrs
-        else {}
-    )
     return {"records": curves.sizes["record"], **source, **columns}
 
 
@@ -243,7 +239,7 @@ def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
         else:
             check("thresholds", as_real("thresholds", threshold), POSITIVE)
             names.append(f"{float(threshold):g}")
-    if len(set(names)) < max(len(names), 1):
+    if not names or len(set(names)) < len(names):
         listed = ", ".join(names) or "none"
         raise ValueError(f"thresholds must be at least one, each only once, got {listed}")
     return names
@@ -269,14 +265,14 @@ def describe_variable(long_name: str, units: str = "1") -> dict[str, str]:
     return {"long_name": long_name} | ({"units": units} if units else {})
 
 
-def _compute_curve(
+def _fit_curve(
     counts: np.ndarray,
     boundaries: np.ndarray,
     weights: np.ndarray,
     levels: np.ndarray,
     records: int,
-) -> dict[str, np.ndarray | float | str]:
-    """Compute the variables of one threshold: counted and fitted probabilities.
+) -> LognormalFit:
+    """Fit the curve of one threshold, and remark on the counts that it does not show.
 
     Parameters
     ----------
@@ -288,30 +284,16 @@ def _compute_curve(
     records : int
         Number of independent records.
     """
-    # A record counts by the fraction of its samples, whose variance is smaller than that of a
-    # single outcome with the same mean: the interval is too wide, never too narrow.
-    low, high = bound_probabilities(counts, records, _CONFIDENCE)
     # Of uplift also the boundaries below the levels are known: then no record is without one.
     below = round(float(counts[-1] - weights.sum()), 9)
     curve = fit_lognormal(boundaries, weights, below, records - float(counts[-1]), levels)
-    fitted = curve.at(levels)
-    remarks = [curve.remark]
+    remarks = [curve.remark] * bool(curve.remark)
     if curve.median > levels[-1] or (below and curve.median < levels[0]):
         remarks.append("the median lies outside of the levels")
     # Counts need not increase with the level: a block that a record overturns may survive the
     # same record made stronger. A lognormal curve hides that, so the remark says it.
     falls = int((np.diff(counts) < 0).sum())
     if falls:
-        s = "s" * (falls > 1)
-        remarks.append(
-            f"at {falls} level{s} fewer records exceed it than at the next lower level"
-        )
-    return {
-        "exceedance": counts / records,
-        "exceedance_low": low,
-        "exceedance_high": high,
-        "lognormal": fitted,
-        "lognormal_median": curve.median,
-        "lognormal_dispersion": curve.dispersion,
-        "remark": "; ".join(filter(None, remarks)),
-    }
+        number = f"{falls} level{'s' * (falls > 1)}"
+        remarks.append(f"at {number} fewer records exceed it than at the next lower level")
+    return curve._replace(remark="; ".join(remarks))

@@ -8,7 +8,6 @@ import numpy as np
 from ..host import Printed
 from ..tables import parse_unit
 from ..validation import (
-    NON_NEGATIVE,
     POSITIVE,
     AnyArray,
     Checked,
@@ -43,17 +42,14 @@ _REACH = 2.5
 class Hazard(Printed, Checked):
     """A hazard curve: the rate per year at which levels of an intensity measure are exceeded.
 
-    Log-log linear between its points, NaN outside. Plateaus and trailing rates of 0 are
-    allowed. From the last positive rate to the first 0 the rate falls linearly with the
-    logarithm of the level; above, it is 0. Rates below the smallest normal floating-point
-    number count as 0.
+    Log-log linear between its points, NaN outside. Plateaus are allowed.
 
     Parameters
     ----------
     levels : array_like, shape (n,)
         Increasing levels of the measure, greater than 0 [m/s2 or m/s].
     rates : array_like, shape (n,)
-        Rates of exceedance [1/yr], not increasing; at least the first two are greater than 0.
+        Rates of exceedance [1/yr], greater than 0, not increasing.
     measure : {"pgv", "pga"}, optional
         The intensity measure of the curve; functions that take the curve refuse any other
         measure.
@@ -79,7 +75,7 @@ class Hazard(Printed, Checked):
     """
 
     levels: Reals = quantity(POSITIVE)
-    rates: Reals = quantity(NON_NEGATIVE)
+    rates: Reals = quantity(POSITIVE)
     measure: str | None = eqx.field(static=True, default=None)
     statistic: str = eqx.field(static=True, default="")
     unit: str = eqx.field(static=True, default="")
@@ -104,44 +100,19 @@ class Hazard(Printed, Checked):
                 f" {self.rates.shape}"
             )
         self.check()
-        if not is_traced(self.rates):
-            values = np.asarray(self.rates)
-            for k in np.flatnonzero(np.diff(values) > 0):
-                raise ValueError(
-                    "rates must not rise with the level, got"
-                    f" {values[k + 1]:.6g} after {values[k]:.6g}"
-                )
-            second = values[1]
-            if second < np.finfo(values.dtype).tiny:
-                counts = f", which counts as 0 in {values.dtype}" if second else ""
-                raise ValueError(
-                    f"the first two rates must be greater than 0, got {second:.6g}{counts}"
-                )
+        for k in () if is_traced(self.rates) else np.flatnonzero(np.diff(self.rates) > 0):
+            before, after = self.rates[k], self.rates[k + 1]
+            raise ValueError(
+                f"rates must not rise with the level, got {after:.6g} after {before:.6g}"
+            )
 
     def __str__(self) -> str:
-        last = len(self.levels) - 1 if is_traced(self.rates) else find_last_point(self)
-        low, high = (self.write_level(level) for level in self.levels[::last][:2])
-        often, seldom = self.rates[::last][:2]
+        factor = parse_unit(self.unit).factor if self.unit else 1.0
+        low, high = (f"{self.levels[k] / factor:.4g} {self.unit}".rstrip() for k in (0, -1))
+        often, seldom = self.rates[0], self.rates[-1]
         of = f" of {self.measure}" if self.measure else ""
         span = f"from {often:.4g} 1/yr at {low} to {seldom:.4g} 1/yr at {high}"
         return f"{self.statistic} hazard{of} {span}".lstrip()
-
-    def write_level(self, level: Number, unit: str = "") -> str:
-        """Write a level in the unit in which the curve was read.
-
-        Parameters
-        ----------
-        level : float
-            In SI.
-        unit : str
-            Stands behind it where the curve has no unit.
-
-        Returns
-        -------
-        str
-        """
-        factor = parse_unit(self.unit).factor if self.unit else 1.0
-        return f"{level / factor:.4g} {self.unit or unit}".rstrip()
 
     def __call__(self, level: Number) -> Reals:
         """Interpolate the rate of exceedance.
@@ -160,13 +131,6 @@ class Hazard(Printed, Checked):
         # On the host where all is concrete: JAX would compile a program for each number of levels.
         curve = curve if is_traced(curve) else jax.tree.map(np.asarray, curve)
         return jnp.asarray(_interpolate(*curve), curve[1].dtype)
-
-
-def find_last_point(hazard: Hazard) -> int:
-    """Find the first point with a rate of 0, or else the last point."""
-    rates = np.asarray(hazard.rates)
-    positive = rates >= np.finfo(rates.dtype).tiny
-    return min(int(np.count_nonzero(positive)), len(rates) - 1)
 
 
 def write_years(years: float) -> str:
@@ -202,15 +166,8 @@ def _interpolate(levels: AnyArray, rates: AnyArray, level: AnyArray) -> AnyArray
     """Interpolate rates by straight lines between logarithms; NaN outside."""
     library = choose_namespace((levels, rates, level))
     inside = (level >= levels[0]) & (level <= levels[-1])
-    # A level outside, and a rate of 0, are replaced before the logarithm: the derivative of the
-    # branch that is not taken must not be NaN either.
-    points = library.log(levels)
+    # A level outside is replaced before the logarithm: the derivative of the branch that is not
+    # taken must not be NaN either.
     at = library.log(library.where(inside, level, levels[0]))
-    # What is not normal may be 0 to one operation and not to another.
-    positive = rates >= jnp.finfo(rates.dtype).tiny
-    # In logarithms the rate would never come down to 0, whatever the first level with 0 is.
-    falls_to_zero = (at >= points[positive.sum() - 1]) & ~positive[-1]
-    logarithms = library.log(library.where(positive, rates, 1))
-    in_logarithms = library.exp(library.interp(at, points, logarithms))
-    rate = library.where(falls_to_zero, library.interp(at, points, rates), in_logarithms)
+    rate = library.exp(library.interp(at, library.log(levels), library.log(rates)))
     return library.where(inside, rate, library.nan)

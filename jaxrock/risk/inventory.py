@@ -14,7 +14,6 @@ from ..host import Printed
 from ..sensitivity import Uncertain
 from ..validation import (
     BELOW_ONE,
-    FINITE,
     UNIT_INTERVAL,
     Booleans,
     Domain,
@@ -23,7 +22,6 @@ from ..validation import (
     as_real,
     check,
     check_kind,
-    describe,
 )
 from .objects import gather_objects
 
@@ -43,17 +41,15 @@ class Inventory(Printed, eqx.Module):
     uncertain : Uncertain, optional
         Uncertain parameters of the objects, with one coefficient of variation for all or one
         for each.
-    remarks : sequence of str, optional
-        What is exceptional about each object.
     one_sided : bool or sequence of bool, optional
         Whether an object stands against a wall; see `Block`. One value, or one for each
         object; by default that of the block.
     floor_period : array_like
         Period of the floor on which an object stands [s], from 0 to 20: 0 is the ground floor,
         which moves with the ground. One, or one for each object.
-    floor_damping, floor_participation : array_like
-        Damping ratio of that floor, between 0 and 1, and participation of its mode, finite [-];
-        one, or one for each object. They do not count on the ground floor.
+    floor_damping : array_like
+        Damping ratio of that floor, between 0 and 1 [-]; one, or one for each object. It does
+        not count on the ground floor.
     restitution_assumed : bool or sequence of bool
         Whether the restitution was not given and follows from size; then rates are computed
         for a lower one as well. One, or one for each object.
@@ -65,7 +61,7 @@ class Inventory(Printed, eqx.Module):
     block : Block
         As if no object stood against a wall; `one_sided` tells which do.
     one_sided, restitution_assumed : Array of bool, shape (objects,)
-    floor_period, floor_damping, floor_participation : Array, shape (objects,)
+    floor_period, floor_damping : Array, shape (objects,)
     others : tuple of (str, tuple of str)
         A name, and a word for each object.
 
@@ -89,11 +85,9 @@ class Inventory(Printed, eqx.Module):
     block: Block
     restitution: Reals
     uncertain: Uncertain | None = eqx.field(static=True)
-    remarks: tuple[str, ...] = eqx.field(static=True)
     one_sided: Booleans
     floor_period: Reals
     floor_damping: Reals
-    floor_participation: Reals
     restitution_assumed: Booleans
     others: tuple[tuple[str, tuple[str, ...]], ...] = eqx.field(static=True)
 
@@ -103,12 +97,10 @@ class Inventory(Printed, eqx.Module):
         block: Block,
         restitution: Numbers,
         uncertain: Uncertain | None = None,
-        remarks: Sequence[str] | None = None,
         *,
         one_sided: bool | Sequence[bool] | None = None,
         floor_period: Numbers = 0.0,
         floor_damping: Numbers = FLOOR_DAMPING,
-        floor_participation: Numbers = 1.0,
         restitution_assumed: bool | Sequence[bool] = False,
         others: Mapping[str, Sequence[str]] | None = None,
     ):
@@ -120,40 +112,27 @@ class Inventory(Printed, eqx.Module):
         objects = gather_objects(kind, read)
         number = objects[1].size
         self.names = tuple(map(str, names))
-        twice = [name for name in self.names if self.names.count(name) > 1]
-        if twice or isinstance(names, str) or objects[1].shape != (len(names),):
-            got = f"{twice[0]!r} twice" if twice else f"{names!r:.60}"
-            raise ValueError(f"names must differ, one for each of {number} objects, got {got}")
-        check(
-            "restitution",
-            np.where(walls, 0, read),
-            UNIT_INTERVAL,
-        )
+        if len({*names}) != len(names) or objects[1].shape != (len(names),):
+            raise ValueError(
+                f"names must differ, one for each of {number} objects, got {names!r:.60}"
+            )
+        check("restitution", np.where(walls, 0, read), UNIT_INTERVAL)
         self.block = jax.device_put(block_of(size_of(objects[0], "shape"), False))
         self.restitution = jnp.asarray(objects[1])
-        columns = {
-            "one_sided": (walls, "", None),
-            "restitution_assumed": (restitution_assumed, "", None),
-            "floor_period": (floor_period, "s", FLOOR_PERIOD),
-            "floor_damping": (floor_damping, "", BELOW_ONE),
-            "floor_participation": (floor_participation, "", FINITE),
-        }
-        for name, (value, unit, domain) in columns.items():
-            column = _read_each(name, value, number, unit, domain)
-            setattr(self, name, jax.device_put(column))
+        self.one_sided = _spread("one_sided", walls, number)
+        self.restitution_assumed = _spread("restitution_assumed", restitution_assumed, number)
+        self.floor_period = _spread("floor_period", floor_period, number, FLOOR_PERIOD)
+        self.floor_damping = _spread("floor_damping", floor_damping, number, BELOW_ONE)
         if uncertain is not None:
             # What cannot be drawn is refused here, before anything is computed.
             uncertain.draw(*objects)
         self.uncertain = uncertain
-        remarks = [""] * number if remarks is None else remarks
-        others = others or {}
-        for name, texts in {"remarks": remarks, **others}.items():
+        self.others = tuple((name, tuple(texts)) for name, texts in (others or {}).items())
+        for name, texts in self.others:
             if len(texts) != number:
                 raise ValueError(
                     f"{name} must be one for each of {number} objects, got {len(texts)}"
                 )
-        self.remarks = tuple(map(str, remarks))
-        self.others = tuple((name, tuple(texts)) for name, texts in others.items())
 
     def __len__(self) -> int:
         return len(self.names)
@@ -163,18 +142,11 @@ class Inventory(Printed, eqx.Module):
         return f"{len(self)} object{'s' * (len(self) > 1)}: {listed}"
 
 
-def _read_each(
-    name: str, value: Any, number: int, unit: str, domain: Domain | None
-) -> np.ndarray:
-    """Read a value for each object: numbers of a domain, or without one True and False."""
-    values = np.asarray(value if domain is None else as_real(name, value, unit=unit))
+def _spread(name: str, value: Any, number: int, domain: Domain | None = None) -> jax.Array:
+    """Give each object a value: numbers of a domain, or without one True and False."""
+    values = np.asarray(value, bool) if domain is None else np.asarray(as_real(name, value))
     if domain is not None:
         check(name, values, domain)
-    elif values.dtype != bool:
-        raise ValueError(f"{name} must be True or False, got {describe(value)}")
     if values.shape not in ((), (number,)):
-        raise ValueError(
-            f"{name} must be one, or one for each of {number} objects, got an array of shape"
-            f" {values.shape}"
-        )
-    return np.broadcast_to(values, (number,))
+        raise ValueError(f"{name} must be one, or one for each of {number} objects")
+    return jax.device_put(np.broadcast_to(values, (number,)))

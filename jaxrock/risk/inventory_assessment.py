@@ -10,16 +10,14 @@ from ..block import Block, block_of, size_of
 from ..ground_motion import choose_floor_step
 from ..host import show_progress
 from ..impact import compute_low_restitution
-from ..numerics import bound_probabilities
 from ..overturning import uplift_factor
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ..validation import Domain, as_real, check, check_kind
 from .inventory import Inventory
-from .inventory_dataset import INVENTORY_PARAMETERS, make_inventory_dataset
+from .inventory_dataset import make_inventory_dataset
 from .lognormal import fit_boundaries
-from .objects import draw_objects, gather_objects
+from .objects import Objects, draw_objects, gather_objects
 from .outcome_table import compute_outcomes
-from .rate_elasticities import change_parameters, compute_elasticities, list_parameters
 from .required_value import search_value
 from .site import Site
 
@@ -31,11 +29,6 @@ _TARGET = Domain(
     "greater than 0 and at most 1 per year, not in years", lambda x: (x > 0) & (x <= 1), 1e-3
 )
 _OVERTURNS_FIRST = "overturns at the lowest level of the site, so that the rate may be more"
-_CONFIDENCE = 0.95  # of the intervals of probabilities
-_CHANGE = 0.1  # relative, to either side, for elasticities
-# Return periods in years of the levels for probabilities: those of codes, 10 % and 2 % in 50
-# years.
-_RETURN_PERIODS = (475.0, 2475.0)
 _RESOLUTION = 0.03  # relative, of required widths
 # Widths that are examined, over the present one, and over the height. A block wider than 1.5
 # times its height would need more than 1.5 g to be lifted.
@@ -50,7 +43,6 @@ def assess_inventory(
     target: float,
     *,
     required_width: bool = True,
-    elasticities: bool = False,
     model: ModelLike = Nonlinear(),
 ) -> "xarray.Dataset":
     """Rank objects by the rate at which they overturn, and find the width that each would need.
@@ -62,9 +54,8 @@ def assess_inventory(
         Levels 4 % apart, ``spacing=0.04``, suffice for a ranking.
     target : float
         The rate that is tolerated, greater than 0 and at most 1 [1/yr].
-    required_width, elasticities : bool
-        Whether to search the width that each object needs, which takes most of the time, and to
-        compute the elasticities of the rate.
+    required_width : bool
+        Whether to search the width that each object needs, which takes most of the time.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`.
 
@@ -72,9 +63,9 @@ def assess_inventory(
     -------
     xarray.Dataset
         Over ``object``, the highest rate first, with ``rank``: ``width``, ``height``,
-        ``inertia_ratio``, ``restitution``, its ``coefficient_of_variation``,
-        ``restitution_assumed``, ``one_sided``; ``floor_period`` (0 on the ground floor),
-        ``floor_damping``, ``floor_participation``; ``uplift_intensity``, the median of the
+        ``inertia_ratio``, ``restitution``, ``restitution_assumed``,
+        ``one_sided``; ``floor_period`` (0 on the ground floor),
+        ``floor_damping``; ``uplift_intensity``, the median of the
         lognormal curve of uplift; ``median`` and ``dispersion`` of the curve of overturning, the
         median NaN where the levels of the site do not reach it; ``rate`` of overturning with its
         ``standard_error`` (from record to record) and ``not_detected`` (see
@@ -84,17 +75,9 @@ def assess_inventory(
         ``rate_at_low_restitution``; ``need`` of width in words; a ``remark`` on what is
         exceptional. Over object and ``column`` there is a ``note``, if the inventory has others.
 
-        Over object and ``level``, those with return periods of 475 and 2,475 years where the
-        site reaches them, with its ``return_period``: the ``probability`` of overturning, with
-        its Clopper-Pearson interval ``probability_low`` to ``probability_high`` (95 %), which
-        assumes independent records.
-
         With `required_width`, ``required_width``, the width at this height from which on the
-        rate stays below the target, inf where there is none, and ``required_width_is_bound``
-        where even the narrowest width that was examined meets the target; NaN where the hazard
-        ends before the target. With `elasticities`, over object and ``parameter``, the
-        ``elasticity``: by how many per cent the rate changes if the parameter changes by 1 %,
-        from the rates at a parameter 10 % lower and 10 % higher.
+        rate stays below the target: half the present width where all widths that were examined
+        meet it, inf where none does, NaN where the hazard ends before the target.
 
     Raises
     ------
@@ -104,18 +87,17 @@ def assess_inventory(
 
     Notes
     -----
-    An object on a floor is assessed under ``site.suite.on_floor(period, damping,
-    participation)``, with steps of at most 1/30 of the period. Levels and the hazard are those
-    of the ground. A one-sided object is assessed under the suite in both directions.
+    An object on a floor is assessed under ``site.suite.on_floor(period, damping)``, with steps of
+    at most 1/30 of the period. Levels and the hazard are those of the ground. A one-sided object
+    is assessed under the suite in both directions.
 
     Rates are those of `overturning_rate`, accurate to 1e-4. Uncertain parameters count in the
-    rate and its errors, in the probabilities and in the lognormal curve of overturning. The
-    uplift intensity, the required width and the elasticities are computed with the medians,
-    and so is the rate with the low end of an assumed restitution, 0.85 times the one that
-    follows from size. For an elasticity, a restitution is raised at most halfway to 1. Widths
-    are examined from half the present width to the larger of twice the present width and 1.5
-    times the height, at constant restitution. The answers for an object do not depend on the
-    others.
+    rate and its errors, and in the lognormal curve of overturning. The
+    uplift intensity and the required width are computed with the medians, and so is the rate
+    with the low end of an assumed restitution, 0.85 times the one that follows from size.
+    Widths are examined from half the present width to the larger of twice the present width and
+    1.5 times the height, at constant restitution. The answers for an object do not depend on
+    the others.
 
     Examples
     --------
@@ -133,118 +115,88 @@ def assess_inventory(
     check_kind("site", site, Site)
     check("target", as_real("target", target), _TARGET)
     model = as_model(model)
-    reported = _choose_reported_levels(site)
     objects = gather_objects(inventory.block, inventory.restitution)
-    draws = draw_objects(objects, inventory.uncertain)[:2]
-    groups = [*_list_sites(inventory, site)]
+    samples = draw_objects(objects, inventory.uncertain)[:2]
+    groups = [*_list_groups(inventory, site)]
     answers = []
     for members, own_site in show_progress(groups, "groups of objects"):
-        parts = (members, draws, own_site, model, reported, elasticities)
-        answer = _compute_rates(inventory, *parts)
+        one_sided = bool(inventory.one_sided[members[0]])
+        own, drawn = (_select(part, members, one_sided) for part in (objects, samples))
+        answer = _compute_rates(own, drawn, own_site, model)
+        assumed = np.asarray(inventory.restitution_assumed)[members]
+        answer |= _compute_low_rates(own, own_site, model, assumed)
         if required_width:
-            answer |= _search_widths(*_select(inventory, members), own_site, target, model)
+            answer |= _search_widths(*own, own_site, target, model)
         answers.append(answer)
     order = np.argsort(np.concatenate([members for members, _ in groups]))
     joined = {
         name: np.concatenate([answer[name] for answer in answers])[order]
         for name in answers[0]
     }
-    return make_inventory_dataset(inventory, site, target, model, reported, joined)
+    return make_inventory_dataset(inventory, site, target, model, joined)
 
 
-def _list_sites(inventory: Inventory, site: Site) -> Iterator[tuple[np.ndarray, Site]]:
+def _list_groups(inventory: Inventory, site: Site) -> Iterator[tuple[np.ndarray, Site]]:
     """List objects that feel the same motions, by their numbers, and the site of each group."""
     period = np.asarray(inventory.floor_period)
-    floor = np.stack([inventory.floor_damping, inventory.floor_participation])
-    motions = np.stack([inventory.one_sided, period, *np.where(period > 0, floor, 0)])
+    damping = np.where(period > 0, inventory.floor_damping, 0)
+    motions = np.stack([inventory.one_sided, period, damping])
     different, group = np.unique(motions, axis=1, return_inverse=True)
-    for k, (is_one_sided, period, *floor) in enumerate(different.T):
+    for k, (is_one_sided, period, damping) in enumerate(different.T):
         suite = site.suite
         if period:
-            suite = suite.on_floor(period, *floor, time_step=choose_floor_step(period))
+            suite = suite.on_floor(period, damping, time_step=choose_floor_step(period))
         if is_one_sided and suite.directions == 1:
             suite = suite.both_directions()
         own_site = Site(suite, site.hazard, site.measure, site.levels)
         yield np.flatnonzero(group == k), own_site
 
 
-def _select(inventory: Inventory, members: np.ndarray) -> tuple[Block, np.ndarray]:
+def _select(objects: Objects, members: np.ndarray, one_sided: bool) -> Objects:
     """Select objects that are all one-sided, or all free-standing."""
-    block, restitution = jax.tree.map(
-        lambda leaf: np.asarray(leaf)[members], (inventory.block, inventory.restitution)
-    )
-    one_sided = bool(inventory.one_sided[members[0]])
+    block, restitution = jax.tree.map(lambda leaf: leaf[members], objects)
     return block_of(size_of(block, "shape"), one_sided), restitution
 
 
 def _compute_rates(
-    inventory: Inventory,
-    members: np.ndarray,
-    draws: tuple[Block, np.ndarray],
-    site: Site,
-    model: RockingModel,
-    reported: np.ndarray,
-    elasticities: bool,
+    objects: Objects, samples: Objects, site: Site, model: RockingModel
 ) -> dict[str, np.ndarray]:
-    """Compute what follows from outcomes, all of which are simulated in one batch.
-
-    Its last axis has the samples, the medians if they are none of these, the medians with a
-    parameter at the ends of its change, and those with a low restitution.
-    """
-    block, restitution = _select(inventory, members)
-    assumed = np.asarray(inventory.restitution_assumed)[members]
-    low = np.where(assumed, compute_low_restitution(block), restitution)
-    parameters = list_parameters(block, restitution, "sides")
-    change = (parameters, INVENTORY_PARAMETERS, _CHANGE)
-    sampled, coefficient = jax.tree.map(lambda leaf: leaf[members], draws)
-    cases = [(block_of(size_of(sampled, "shape"), block.one_sided), coefficient)]
-    samples = coefficient.shape[1]
-    median = jax.tree.map(lambda leaf: leaf[:, None], block)
-    first = 0
-    if inventory.uncertain is not None:
-        first = samples
-        cases.append((median, restitution[:, None]))
-    if elasticities:
-        cases.append(change_parameters(*change, block.one_sided))
-    if assumed.any():
-        cases.append((median, low[:, None]))
-    blocks, coefficients = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *cases)
-    table = compute_outcomes(blocks, coefficients, site, model)
-    rates = np.asarray(table.contributions).mean(axis=0)
-    sample_table = table.take(slice(samples))
-    means = sample_table.average(with_samples=True)
-    fits = fit_boundaries(sample_table)
-    # At the reported levels outcomes are simulated, whatever the levels beside them tell.
-    levels = np.union1d(np.asarray(site.levels)[[0, -1]], reported)
-    few = Site(site.suite, site.hazard, site.measure, levels)
-    outcomes = np.asarray(compute_outcomes(*cases[0], few, model, tolerance=1.0).overturned)
-    outcomes = outcomes[..., np.searchsorted(levels, reported)].mean(axis=2)
-    counts = outcomes.sum(axis=0) / table.directions
-    interval = bound_probabilities(counts, site.suite.recordings, _CONFIDENCE)
-    factors = [uplift_factor(block, record, model=model) for record in site.suite]
+    """Compute rates and curves from the outcomes of the samples of each object."""
+    table = compute_outcomes(*samples, site, model)
+    means = table.average(with_samples=True)
+    fits = fit_boundaries(table)
+    factors = [uplift_factor(objects[0], record, model=model) for record in site.suite]
     lifted = np.stack(factors) * np.asarray(site.intensities)[:, None]
-    remarks = zip(
-        [inventory.remarks[k] for k in members],
-        [f"lognormal curve: {fit.remark}" if fit.remark else "" for fit in fits],
-        np.where(np.asarray(means["overturns_first"]).any(axis=0), _OVERTURNS_FIRST, ""),
-        strict=True,
-    )
-    answers = {
+    median = np.array([fit.median for fit in fits])
+    reached = (median >= table.levels[0]) & (median <= table.levels[-1])
+    overturns_first = np.asarray(means["overturns_first"]).any(axis=0)
+    remarks = [
+        [f"lognormal curve: {fit.remark}"] * bool(fit.remark)
+        + [_OVERTURNS_FIRST] * bool(first)
+        for fit, first in zip(fits, overturns_first, strict=True)
+    ]
+    return {
         "uplift_intensity": np.exp(np.log(lifted).mean(axis=0)),
-        "median": np.array([fit.median_within(site.levels) for fit in fits]),
+        "median": np.where(reached, median, np.nan),
         "dispersion": np.array([fit.dispersion for fit in fits]),
-        "probability": counts / site.suite.recordings,
-        "probability_low": interval[0],
-        "probability_high": interval[1],
-        **{name: means[name] for name in ("rate", "standard_error", "not_detected")},
-        "low_restitution": np.where(assumed, low, np.nan),
-        "rate_at_low_restitution": np.where(assumed, rates[:, -1], np.nan),
-        "remark": np.array(["; ".join(filter(None, parts)) for parts in remarks]),
+        "rate": np.asarray(means["rate"]),
+        "standard_error": np.asarray(means["standard_error"]),
+        "not_detected": np.asarray(means["not_detected"]),
+        "remark": np.array(["; ".join(texts) for texts in remarks]),
     }
-    if elasticities:
-        changed = rates[:, first + 1 :][:, : 2 * len(INVENTORY_PARAMETERS)]
-        answers["elasticity"] = compute_elasticities(*change, changed, rates[:, first])
-    return answers
+
+
+def _compute_low_rates(
+    objects: Objects, site: Site, model: RockingModel, assumed: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Compute rates with the low ends of assumed restitutions; NaN for the others."""
+    block = objects[0]
+    low = rates = np.full(assumed.shape, np.nan)
+    if assumed.any():
+        low = np.where(assumed, compute_low_restitution(block), np.nan)
+        table = compute_outcomes(block, np.where(assumed, low, objects[1]), site, model)
+        rates = np.where(assumed, table.contributions.mean(axis=0), np.nan)
+    return {"low_restitution": low, "rate_at_low_restitution": rates}
 
 
 def _search_widths(
@@ -260,19 +212,4 @@ def _search_widths(
         model=model,
         resolution=_RESOLUTION,
     )
-    value = np.asarray(required.value)
-    return {
-        "required_width": value,
-        "required_width_is_bound": np.isfinite(value) & (np.asarray(required.count) == 0),
-    }
-
-
-def _choose_reported_levels(site: Site) -> np.ndarray:
-    """Choose the levels for probabilities: those of codes that the site reaches."""
-    rates = np.asarray(site.hazard.rates, float)
-    rates = rates[rates > 0]
-    often, seldom = np.asarray(site.rates, float)[[0, -1]]
-    wanted = 1 / np.array(_RETURN_PERIODS)
-    wanted = wanted[(wanted <= often) & (wanted >= max(seldom, rates[-1]))]
-    logarithms = np.log(np.asarray(site.hazard.levels, float)[: rates.size])
-    return np.exp(np.interp(-np.log(wanted), -np.log(rates), logarithms))
+    return {"required_width": np.asarray(required.value)}

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..block import SIZES_IN_WORDS, size_of
+from ..block import size_of
 from ..ground_motion import MEASURES, describe_suite
 from ..host import add_names, format_table, make_dataset
 from ..resonance import RockingModel
-from .fragility_curves import MEASURE_UNIT, describe_variable, label_variables
-from .hazard import write_years
+from .fragility_curves import MEASURE_UNIT, label_variables
+from .hazard import describe_end, write_years
 from .inventory import Inventory
 from .site import Site
 
@@ -20,35 +20,25 @@ if TYPE_CHECKING:
 MEETS = "meets the target"
 MISSES = "misses the target"
 NOT_KNOWN = "not known"
-_LONGEST_NAME = 32  # letters of a name in the text; tables and pages have all of them
-# Parameters whose importance is told: what can be built or chosen for an object.
-INVENTORY_PARAMETERS = ("width", "height", "restitution")
 # Dimensions, long name and unit of each answer.
 _VARIABLES: dict[str, tuple[str, str, str]] = {
     "one_sided": ("object", "whether it stands against a wall", ""),
     "floor_period": ("object", "period of its floor, 0 on the ground floor", "s"),
     "floor_damping": ("object", "damping ratio of its floor", "1"),
-    "floor_participation": ("object", "participation of the mode of its floor", "1"),
     "width": ("object", "width of the base", "m"),
     "height": ("object", "height, twice the height of the centre of mass", "m"),
     "inertia_ratio": ("object", "inertia ratio", "1"),
     "restitution": ("object", "restitution", "1"),
     "restitution_assumed": ("object", "whether the restitution follows from size", ""),
     "low_restitution": ("object", "low end of the likely restitutions, where assumed", "1"),
-    "coefficient_of_variation": ("object", "coefficient of variation of restitution", "1"),
     "uplift_intensity": ("object", "median of the lognormal curve of uplift", MEASURE_UNIT),
     "median": ("object", "median of the lognormal curve of overturning", MEASURE_UNIT),
     "dispersion": ("object", "dispersion of the curve: deviation of ln(level)", "1"),
-    "probability": ("object level", "probability of overturning at this level", "1"),
-    "probability_low": ("object level", "lower end of its Clopper-Pearson interval", "1"),
-    "probability_high": ("object level", "upper end of its Clopper-Pearson interval", "1"),
     "rate": ("object", "rate of overturning", "1/yr"),
     "rate_at_low_restitution": ("object", "rate with the low restitution", "1/yr"),
     "standard_error": ("object", "standard error of the rate, over the records", "1/yr"),
     "not_detected": ("object", "bound of undetected windows and the last level", "1/yr"),
-    "elasticity": ("object parameter", "change of the rate in % for 1 % more", "1"),
     "required_width": ("object", "width beyond which the target is met, same height", "m"),
-    "required_width_is_bound": ("object", "whether a smaller width may suffice", ""),
     "probability_in_50_years": ("object", "probability of overturning in 50 years", "1"),
     "verdict": ("object", "whether it meets the target, where that is known", ""),
     "need": ("object", "change of width that the target needs, in words", ""),
@@ -62,26 +52,14 @@ def make_inventory_dataset(
     site: Site,
     target: float,
     model: RockingModel,
-    reported: np.ndarray,
     answers: dict[str, np.ndarray],
 ) -> "xarray.Dataset":
     """Make the dataset of the answers, ranked by rate; see `assess_inventory`."""
-    measure_name, unit, _ = MEASURES[site.measure]
     answers = {**_describe_objects(inventory), **answers}
     answers |= _judge_rates(answers, target)
     order = np.argsort(-answers["rate"], kind="stable")
-    ranked = {name: values[order] for name, values in answers.items()}
-    variables = label_variables(_VARIABLES, ranked, unit)
-    inside = reported.clip(*np.asarray(site.hazard.levels)[[0, -1]])
-    periods = 1 / np.asarray(site.hazard(inside))
-    written = [site.hazard.write_level(level, unit) for level in reported.tolist()]
-    return_period = describe_variable("return period of the level", "yr")
-    coordinates = {
-        "level": ("level", reported, describe_variable(measure_name, unit)),
-        "return_period": ("level", periods, return_period),
-        "written": ("level", written, {"long_name": "level in the unit of the hazard"}),
-        "rank": ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"}),
-    }
+    ranked = {name: answers[name][order] for name in _VARIABLES if name in answers}
+    rank = ("object", np.arange(1, len(inventory) + 1), {"long_name": "rank"})
     attributes = {
         "measure": site.measure,
         "target": float(target),
@@ -94,11 +72,9 @@ def make_inventory_dataset(
         **({"uncertain": str(inventory.uncertain)} if inventory.uncertain else {}),
     }
     title = "Inventory of objects, ranked by the rate of overturning"
-    dataset = make_dataset(title, variables, coordinates, attributes)
+    variables = label_variables(_VARIABLES, ranked, MEASURES[site.measure][1])
+    dataset = make_dataset(title, variables, {"rank": rank}, attributes)
     names = {"object": ([inventory.names[k] for k in order], "object")}
-    if "elasticity" in answers:
-        parameters = [SIZES_IN_WORDS.get(name, name) for name in INVENTORY_PARAMETERS]
-        names["parameter"] = (parameters, "parameter")
     if inventory.others:
         names["column"] = ([name for name, _ in inventory.others], "column of the table")
     return add_names(dataset, **names)
@@ -108,18 +84,12 @@ def _describe_objects(inventory: Inventory) -> dict[str, np.ndarray]:
     """Describe the objects themselves, and where they stand."""
     sizes = size_of(inventory.block, "sides")
     period = np.asarray(inventory.floor_period)
-    uncertain = inventory.uncertain
-    coefficients = {} if uncertain is None else uncertain.coefficients_of_variation
     known = {
-        "one_sided": inventory.one_sided,
-        "floor_period": period,
-        "floor_damping": np.where(period > 0, inventory.floor_damping, np.nan),
-        "floor_participation": np.where(period > 0, inventory.floor_participation, np.nan),
         **{name: sizes[name] for name in ("width", "height", "inertia_ratio")},
-        "restitution": inventory.restitution,
-        "restitution_assumed": inventory.restitution_assumed,
-        "coefficient_of_variation": coefficients.get("restitution", 0.0),
+        "floor_damping": np.where(period > 0, inventory.floor_damping, np.nan),
     }
+    for name in ("one_sided", "floor_period", "restitution", "restitution_assumed"):
+        known[name] = getattr(inventory, name)
     if inventory.others:
         known["note"] = np.array([texts for _, texts in inventory.others]).T
     return {
@@ -139,14 +109,35 @@ def _judge_rates(answers: dict[str, np.ndarray], target: float) -> dict[str, np.
     may_cross = (rate - bound <= target) & (rate + bound > target)
     is_unknown = may_cross & (bound > np.minimum(rate, target))
     verdict = np.select([is_unknown, rate > target], [NOT_KNOWN, MISSES], MEETS)
-    width = answers["width"]
     required = answers.get("required_width", np.full(rate.shape, None))
-    rows = zip(verdict, width, required, strict=True)
+    low = answers["low_restitution"]
+    rate_at_low = answers["rate_at_low_restitution"]
+    differs = (rate > target) != (rate_at_low > target)
+    differs &= np.isfinite(rate_at_low) & ~is_unknown
+    needs = [
+        _describe_need(*row) + f", unless C is {low[k]:.2f} or less" * bool(differs[k])
+        for k, row in enumerate(zip(verdict, answers["width"], required, strict=True))
+    ]
     return {
         "probability_in_50_years": -np.expm1(-50 * rate),
         "verdict": verdict,
-        "need": np.array([_describe_need(*row) for row in rows]),
+        "need": np.array(needs),
     }
+
+
+def _describe_need(verdict: str, width: float, required: float | None) -> str:
+    """Describe in words whether an object needs another width for the target."""
+    if verdict != MISSES or required is None:
+        return "suffices" if verdict == MEETS else verdict
+    if math.isnan(required):
+        return f"required width {NOT_KNOWN}"
+    if math.isinf(required):
+        return "no width suffices"
+    if required > width:
+        # Rounded up: a lower width than required does not suffice.
+        return f"needs {math.ceil(100 * required - 1e-9) / 100:.2f} m"
+    # The width is sought with the median of the restitution, whose uncertainty adds to the rate.
+    return "misses the target only because of the uncertainty"
 
 
 def describe_place(answer: "xarray.Dataset") -> str:
@@ -158,79 +149,63 @@ def describe_place(answer: "xarray.Dataset") -> str:
 
 
 def tabulate_inventory(assessed: "xarray.Dataset") -> dict[str, list[Any]]:
-    """List the columns of an assessed inventory, with a column for each level and parameter."""
+    """List the columns of an assessed inventory, with a column for each note."""
     columns: dict[str, list[Any]] = {
         "rank": assessed["rank"].values.tolist(),
         "name": assessed.object.values.tolist(),
     }
-    prefixes = {"level": " at ", "parameter": " to ", "column": ": "}
     for name, variable in assessed.data_vars.items():
         if variable.ndim == 1:
             columns[str(name)] = variable.values.tolist()
             continue
-        dim = str(variable.dims[1])
-        labels = assessed["written" if dim == "level" else dim].values
-        for label, values in zip(labels, variable.values.T, strict=True):
-            columns[f"{name}{prefixes[dim]}{label}"] = values.tolist()
+        for label, values in zip(assessed.column.values, variable.values.T, strict=True):
+            columns[f"{name}: {label}"] = values.tolist()
     return columns
 
 
 def describe_inventory(assessed: "xarray.Dataset") -> str:
-    """Write the ranked table of an assessed inventory, and which restitutions are assumed."""
+    """Write the ranked table of an assessed inventory, and remarks on its objects."""
     unit = MEASURES[assessed.attrs["measure"]][1]
     objects = [assessed.isel(object=k) for k in range(assessed.object.size)]
     columns: dict[str, Any] = {
         "width [m]": assessed.width.values,
         "height [m]": assessed.height.values,
-        "restitution": [
-            f"{float(one.restitution):.3f}{' assumed' * bool(one.restitution_assumed)}"
-            for one in objects
-        ],
-        f"uplift [{unit}]": assessed.uplift_intensity.values,
+        "restitution": assessed.restitution.values,
         f"median [{unit}]": assessed["median"].values,
         "rate [1/yr]": assessed.rate.values,
-        "std. error": assessed.standard_error.values,
         "once in [yr]": [describe_years(one) for one in objects],
-        "for the target": [str(one.need.values) for one in objects],
+        "for the target": assessed.need.values.tolist(),
+        "stands": [describe_place(one) or "free" for one in objects],
     }
-    if "one_sided" in assessed or "floor_period" in assessed:
-        columns["stands"] = [describe_place(one) or "free" for one in objects]
-    above = int((assessed.verdict == MISSES).sum())
     title = (
-        f"{above} of {len(objects)} objects overturn more often than once in"
-        f" {write_years(1 / assessed.attrs['target'])} years, under {name_records(assessed)};"
-        f" {assessed.attrs['hazard_curve']}"
+        f"{int((assessed.verdict == MISSES).sum())} of {len(objects)} objects overturn more often"
+        f" than once in {write_years(1 / assessed.attrs['target'])} years, under"
+        f" {name_records(assessed)}; {assessed.attrs['hazard_curve']}"
     )
-    names = [str(name)[:_LONGEST_NAME] for name in assessed.object.values]
-    table = format_table(title, names, **columns)
-    if assessed.restitution_assumed.any():
-        table += "\nassumed restitutions follow from the size; once in: with them and low ones"
-    return table
+    names = assessed.object.values.tolist()
+    return "\n".join([format_table(title, names, **columns), *list_remarks(assessed)])
 
 
-def _describe_need(verdict: str, width: float, required: float | None) -> str:
-    """Describe in words whether an object needs another width for the target."""
-    if verdict != MISSES:
-        return "suffices" if verdict == MEETS else NOT_KNOWN
-    if required is None:
-        return MISSES
-    if math.isnan(required):
-        return f"required width {NOT_KNOWN}"
-    if math.isinf(required):
-        return "no width suffices"
-    if required > width:
-        return f"needs {round_width_up(required):.2f} m"
-    # The width is sought with the median of the restitution, whose uncertainty adds to the
-    # rate.
-    return "misses the target only because of the uncertainty"
+def list_remarks(assessed: "xarray.Dataset") -> list[str]:
+    """List what is exceptional about objects, and why it is not known what some need."""
+    pairs = zip(assessed.object.values, assessed.remark.values, strict=True)
+    lines = [f"{name}: {remark}" for name, remark in pairs if remark]
+    assumed = assessed.object.values[assessed.restitution_assumed.values]
+    if assumed.size:
+        lines.append(
+            f"restitution assumed, years with it and with a low one: {', '.join(assumed)}"
+        )
+    if any(need.endswith(NOT_KNOWN) for need in assessed.need.values):
+        lines.append(f"{NOT_KNOWN}: {explain_unknown(assessed)}")
+    return lines
 
 
-def round_width_up(width: float) -> float:
-    """Round a width up to the next centimetre: a lower one than required does not suffice."""
-    return math.ceil(100 * width - 1e-9) / 100
+def explain_unknown(assessed: "xarray.Dataset") -> str:
+    """Explain why a verdict is not known, and what would make it known."""
+    return describe_end(assessed.attrs["last_rate"], assessed.attrs["target"])
 
 
-def describe_years(answer: "xarray.Dataset", unit: str = "") -> str:
+def describe_years(answer: "xarray.Dataset") -> str:
     """Describe in how many years one object overturns once: "1,500", "1,100 to 2,000".
 
     There are two numbers where its restitution is assumed: those with the assumed one and with
@@ -238,27 +213,16 @@ def describe_years(answer: "xarray.Dataset", unit: str = "") -> str:
     "less than once in 2,475".
     """
     rates = [float(answer.rate)]
-    if "rate_at_low_restitution" in answer and bool(answer.restitution_assumed):
+    if answer.restitution_assumed:
         rates.append(float(answer.rate_at_low_restitution))
-    target = 1 / float(answer.attrs["target"])
-    last_rate = float(answer.attrs["last_rate"])
-    years = [
-        _round_years(1 / rate, target)
-        for rate in sorted(rates, reverse=True)
-        if rate > last_rate
-    ]
-    if not years and last_rate == 0:
+    target, last_rate = answer.attrs["target"], answer.attrs["last_rate"]
+    known = sorted((rate for rate in rates if rate > last_rate), reverse=True)
+    if not known and last_rate == 0:
         return "never under these records"
-    if not years:
-        return f"less than once in {write_years(1 / last_rate)}{unit}"
-    if len(years) < len(rates):
-        return f"{years[0]}{unit} or more"
-    return " to ".join(dict.fromkeys(years)) + unit
-
-
-def name_records(dataset: "xarray.Dataset") -> str:
-    """Name the records an inventory was simulated under: their source, or their number."""
-    return dataset.attrs.get("record_source", f"{dataset.attrs['record_count']} records")
+    if not known:
+        return f"less than once in {write_years(1 / last_rate)}"
+    years = dict.fromkeys(_round_years(1 / rate, 1 / target) for rate in known)
+    return " to ".join(years) + " or more" * (len(known) < len(rates))
 
 
 def _round_years(years: float, target: float) -> str:
@@ -270,3 +234,8 @@ def _round_years(years: float, target: float) -> str:
     if (rounded < target) != (years < target):
         rounded = float(f"{years:.4g}")
     return write_years(rounded)
+
+
+def name_records(dataset: "xarray.Dataset") -> str:
+    """Name the records an inventory was simulated under: their source, or their number."""
+    return dataset.attrs.get("record_source", f"{dataset.attrs['record_count']} records")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ..block import LARGEST_SIZES, RECTANGLE_INERTIA_RATIO, Block
+from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..ground_motion import FLOOR_DAMPING, FLOOR_PERIOD
 from ..impact import ONE_SIDED_RESTITUTION, compute_restitution_by_size
 from ..sensitivity import Uncertain
 from ..tables import Column, read_table
-from ..validation import AT_LEAST_ONE, BELOW_ONE, FINITE, NON_NEGATIVE, POSITIVE, Domain
+from ..validation import AT_LEAST_ONE, BELOW_ONE, NON_NEGATIVE, POSITIVE
 from .hazard import Hazard
 from .hazard_files import read_hazard
 from .inventory import Inventory
@@ -21,18 +21,11 @@ EXAMPLE_FILES = ("objects.csv", "hazard.csv")
 _DATA = files("jaxrock") / "data"
 
 
-def _limit(name: str) -> Domain:
-    """Limit a size to what rocks: a larger one was given in another unit."""
-    most = LARGEST_SIZES[name]
-    allowed = f"greater than 0 and at most {most:g} m"
-    return Domain(allowed, lambda x: (x > 0) & (x <= most), 1.0)
-
-
 _COEFFICIENT = "restitution coefficient of variation"
 _COLUMNS = {
     "name": Column(required=True, synonyms=("object",)),
-    "width": Column("length", _limit("width"), required=True),
-    "height": Column("length", _limit("height"), required=True),
+    "width": Column("length", POSITIVE, required=True),
+    "height": Column("length", POSITIVE, required=True),
     "depth": Column("length", POSITIVE),
     "inertia ratio": Column("ratio", AT_LEAST_ONE),
     "restitution": Column("ratio", ONE_SIDED_RESTITUTION, synonyms=("c",)),
@@ -41,7 +34,6 @@ _COLUMNS = {
     "floor period": Column("time", FLOOR_PERIOD),
     # Above critical damping (1) the number is one of per cent.
     "floor damping": Column("ratio", BELOW_ONE),
-    "floor participation": Column("ratio", FINITE),
 }
 
 
@@ -71,8 +63,7 @@ def read_inventory(
         angles to the wall; it has no depth. Its restitution may be negative; if it is
         missing, `one_sided_restitution` gives it. An object on an upper floor has a ``floor
         period``, at most 20 s; without one, or with 0, it stands on the ground floor. It may
-        have a ``floor damping``, 0.05 if it is missing, and a ``floor participation`` of the
-        mode, 1 if it is missing.
+        have a ``floor damping``, 0.05 if it is missing.
 
         Lengths are in m, cm, mm, in or ft, periods in s or ms; ratios are numbers, or in % if
         their heads state it. All other columns are kept as words, in ``others``.
@@ -86,10 +77,10 @@ def read_inventory(
     Raises
     ------
     ValueError
-        With file and line, if the file cannot be read, a column states no unit or another one,
-        or its name is one letter away from one of these; with a line for each row in which a
-        value is missing, no number or out of range, or an object is so stocky that Housner's
-        restitution is negative, or that a wall does not throw it back.
+        With file and line, if the file cannot be read, or a column states no unit or another
+        one; with a line for each row in which a value is missing, no number or out of range, or
+        an object is so stocky that Housner's restitution is negative, or that a wall does not
+        throw it back.
 
     Examples
     --------
@@ -110,11 +101,9 @@ def read_inventory(
         "a one-sided object must have no depth: its width is at right angles to the wall",
     )
     damping = values["floor damping"]
-    participation = values["floor participation"]
     period = np.nan_to_num(values["floor period"])
     contents.require(
-        (np.isnan(damping) & np.isnan(participation)) | (period > 0),
-        "a floor damping or participation goes with a floor period",
+        np.isnan(damping) | (period > 0), "a floor damping goes with a floor period"
     )
     # The shorter side of the base is the width: over the longer one it is harder to overturn.
     sizes = {
@@ -130,11 +119,6 @@ def read_inventory(
         (restitution >= 0) | (one_sided & ~is_assumed),
         "width and height exchanged? If not, a restitution of at least 0 must be given",
     )
-    remarks = {
-        f"damping of its floor not given, {FLOOR_DAMPING:g} assumed": (
-            (period > 0) & np.isnan(damping)
-        ),
-    }
     coefficient = np.nan_to_num(values[_COEFFICIENT])
     uncertain = None
     if coefficient.any():
@@ -145,14 +129,9 @@ def read_inventory(
             block,
             restitution,
             uncertain,
-            [
-                "; ".join(words for words, rows in remarks.items() if rows[k])
-                for k in range(period.size)
-            ],
             one_sided=one_sided.tolist(),
             floor_period=period,
             floor_damping=_fill(damping, FLOOR_DAMPING),
-            floor_participation=_fill(participation, 1.0),
             restitution_assumed=is_assumed.tolist(),
             others=contents.others,
         )

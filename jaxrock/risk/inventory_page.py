@@ -14,9 +14,16 @@ from string import Template
 from typing import TYPE_CHECKING
 
 from ..ground_motion import MEASURES
-from .hazard import describe_end, write_years
-from .inventory_dataset import MISSES, NOT_KNOWN, describe_place, describe_years, name_records
-from .inventory_files import read_example_inventory
+from .hazard import write_years
+from .inventory_dataset import (
+    MISSES,
+    NOT_KNOWN,
+    describe_place,
+    describe_years,
+    explain_unknown,
+    list_remarks,
+    name_records,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -43,21 +50,14 @@ def write_inventory_page(
     str
         The page: what to do first, a row for each object, then pictures and details.
     """
-    hazard = dataset.attrs.get("hazard", dataset.attrs["hazard_curve"])
-    # Also where somebody takes the file of the example for objects of their own.
-    if dataset.attrs["hazard_curve"] == str(read_example_inventory()[1]):
-        hazard = "EXAMPLE hazard, of no real place"
-    levels = zip(dataset.written.values, dataset.return_period.values, strict=True)
     texts = dataset.attrs | {
         "title": title or f"Objects in earthquakes: {dataset.object.size}",
         "date": datetime.date.today(),
         "years": write_years(1 / dataset.attrs["target"]),
-        "hazard": hazard,
         "records": name_records(dataset),
         "first": _write_first_sentence(dataset),
         "measure": MEASURES[dataset.attrs["measure"]][0],
         "unit": MEASURES[dataset.attrs["measure"]][1],
-        "levels": "; ".join(f"{level}, {write_years(years)} years" for level, years in levels),
         "remarks": "\n".join(list_remarks(dataset)) or "None.",
     }
     texts = {name: html.escape(str(text)) for name, text in texts.items()}
@@ -72,41 +72,22 @@ def write_inventory_page(
 
 def _describe_object(answer: "xarray.Dataset") -> dict[str, object]:
     """Describe an object by its numbers, and by what the page says of it in words."""
-    numbers: dict[str, object] = {"rate_at_low_restitution": float("nan")}
-    numbers |= {str(name): a.item() for name, a in answer.data_vars.items() if not a.ndim}
-    names = ("probability", "probability_low", "probability_high")
-    intervals = zip(*(answer[name].values for name in names), strict=True)
+    numbers = {str(name): a.item() for name, a in answer.data_vars.items() if not a.ndim}
     return numbers | {
         "rank": int(answer["rank"]),
         "name": html.escape(answer.object.item()),
-        "years": describe_years(answer, " years"),
-        "action": _describe_action(answer),
+        "years": describe_years(answer),
         "place": describe_place(answer) or "free",
-        "assumed": f"({name_theory(answer)}, assumed)" if answer.restitution_assumed else "",
-        "probabilities": "; ".join(
-            f"{p:.2f} ({low:.2f} to {high:.2f})" for p, low, high in intervals
-        ),
+        "assumed": "(assumed)" if answer.restitution_assumed else "",
     }
-
-
-def _describe_action(answer: "xarray.Dataset") -> str:
-    """Describe what to do about one object."""
-    target = float(answer.attrs["target"])
-    at_low = float(answer.get("rate_at_low_restitution", float("nan")))
-    if answer.verdict == NOT_KNOWN:
-        return f"not known: {_describe_end(answer)}"
-    if answer.verdict != MISSES:
-        measure = "measure its restitution: with a low one it misses the target"
-        return measure if at_low > target else "nothing: it meets the target"
-    # The need says no more than the verdict where no width was sought.
-    action = f"fix it, {answer.need.item()}".removesuffix(f", {MISSES}")
-    unless = f", unless C is {answer.low_restitution.item():.2f} or less"
-    return action.replace("needs", "or widen it to") + unless * (at_low <= target)
 
 
 def _write_first_sentence(dataset: "xarray.Dataset") -> str:
     """Write what to do first, in one sentence or two."""
-    starts = {MISSES: "Fix or widen first", NOT_KNOWN: f"Not known ({_describe_end(dataset)})"}
+    starts = {
+        MISSES: "Fix or widen first",
+        NOT_KNOWN: f"Not known ({explain_unknown(dataset)})",
+    }
     sentences = []
     for verdict, start in starts.items():
         names = dataset.object.values[dataset.verdict.values == verdict].tolist()
@@ -115,26 +96,3 @@ def _write_first_sentence(dataset: "xarray.Dataset") -> str:
     years = write_years(1 / dataset.attrs["target"])
     nothing = f"Nothing needs to be done: all overturn at most once in {years} years."
     return " ".join(sentences) or nothing
-
-
-def _describe_end(dataset: "xarray.Dataset") -> str:
-    """Describe why a verdict is not known, and what would make it known."""
-    return describe_end(dataset.attrs["last_rate"], dataset.attrs["target"])
-
-
-def name_theory(assessed: "xarray.Dataset") -> str:
-    """Name the theory that gives the restitution of one object from its size."""
-    return "from size" if bool(assessed.get("one_sided", False)) else "Housner's"
-
-
-def list_remarks(dataset: "xarray.Dataset") -> list[str]:
-    """List what is exceptional about objects: a remark on several once, with their names."""
-    names_by_remark: dict[str, list[str]] = {}
-    for k, name in enumerate(dataset.object.values.tolist()):
-        answer = dataset.isel(object=k)
-        remarks = str(answer.remark.values).split("; ")
-        if str(answer.need.values).endswith(NOT_KNOWN):
-            remarks.append(f"{answer.need.values}: {_describe_end(dataset)}")
-        for remark in filter(None, remarks):
-            names_by_remark.setdefault(remark, []).append(name)
-    return [f"{remark}: {', '.join(names)}" for remark, names in names_by_remark.items()]

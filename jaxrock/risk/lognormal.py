@@ -38,10 +38,6 @@ class LognormalFit(NamedTuple):
             return 0.5 * (1 + np.sign(levels - self.median))
         return ndtr(np.log(levels / self.median) / self.dispersion)
 
-    def median_within(self, levels: AnyArray) -> float:
-        """Return the median, or NaN where the levels do not reach it."""
-        return self.median if levels[0] <= self.median <= levels[-1] else np.nan
-
 
 def fit_boundaries(table: OutcomeTable) -> list[LognormalFit]:
     """Fit the curve of each object to all boundaries of its samples, which are the last axis."""

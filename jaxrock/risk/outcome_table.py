@@ -70,18 +70,13 @@ class OutcomeTable(NamedTuple):
     @property
     def overturned(self) -> AnyArray:
         """Whether the object overturns at each level, (records, ..., levels)."""
-        along_levels = self.levels.reshape(*(1 for _ in self.boundaries.shape), -1)
+        levels = self.levels.reshape(*(1 for _ in self.boundaries.shape), -1)
         at = self.boundaries[..., None]
         # NaN, where there is no boundary, is not below anything. A boundary that is a level is
         # below it where the object stands beyond.
-        stands_there = (at == along_levels) & ~self.begins[..., None]
-        below = ((at < along_levels) | stands_there).sum(axis=-2)
+        stands_there = (at == levels) & ~self.begins[..., None]
+        below = ((at < levels) | stands_there).sum(axis=-2)
         return (below % 2 == 1) != self.overturns_first[..., None]
-
-    def take(self, columns: slice) -> "OutcomeTable":
-        """Take a part of the last axis of samples."""
-        parts = {name: getattr(self, name)[:, :, columns] for name in self._fields[:6]}
-        return self._replace(**parts)
 
     def average(self, with_samples: bool = False) -> dict[str, AnyArray | np.generic]:
         """Average over the records, and before over the samples, if they are the last axis.

@@ -12,14 +12,7 @@ from ..impact import read_restitution
 from ..overturning import Boundaries
 from ..resonance import ModelLike, Nonlinear
 from ..sensitivity import Uncertain
-from ..validation import (
-    Booleans,
-    Number,
-    Reals,
-    check_kind,
-    check_shapes,
-    is_traced,
-)
+from ..validation import Booleans, Number, Reals, check_kind, is_traced
 from .hazard import write_years
 from .objects import draw_objects, gather_objects
 from .outcome_table import average_traced, compute_outcomes, find_outcomes
@@ -85,42 +78,35 @@ class OverturningRate(Printed, eqx.Module):
         if np.ndim(self.rate) or is_traced(self):
             units = dict.fromkeys(("rate", "standard_error", "not_detected"), "1/yr")
             return format_fields(self, **units, complete="")
-        rate = float(self.rate)
         written, error, bound = (
             format_number(value, "1/yr")
             for value in (self.rate, self.standard_error, self.not_detected)
         )
-        if rate < self.last_rate:
-            years = write_years(1 / float(self.last_rate))
-            lines = [f"overturns less often than once in {years} years, where the hazard ends"]
+        rate, last_rate = float(self.rate), float(self.last_rate)
+        first = f"overturns at a rate of {written}"
+        if rate < last_rate:
+            years = write_years(1 / last_rate)
+            first = f"overturns less often than once in {years} years, where the hazard ends"
         elif rate:
-            years = f"{float(f'{1 / rate:.2g}'):,.0f}"
             chance = f"{-100 * math.expm1(-50 * rate):.2g} % in 50 years"
-            lines = [
-                f"overturns at a rate of {written}, about once in {years} years, {chance}"
-            ]
-        else:
-            lines = [f"overturns at a rate of {written}"]
+            first += f", about once in {float(f'{1 / rate:.2g}'):,.0f} years, {chance}"
         number = f"{len(self.records) // self.directions} records"
-        ways = " in both directions" * (self.directions == 2)
-        lines.append(f"standard error {error} from {number}{ways}")
-        changes = "undetected windows, and levels beyond the last, change it by"
-        lines.append(f"{changes} {bound} at most (95 %)")
+        lines = [
+            first,
+            f"standard error {error} from {number}{' in both directions' * (self.directions == 2)}",
+            "undetected windows, and levels beyond the last, change it by"
+            f" {bound} at most (95 %)",
+        ]
         if self.sample_rates is not None:
             deviation = format_number(self.sample_rates.std(), "1/yr")
             samples = f"{self.sample_rates.size} samples of uncertain parameters"
             lines.append(f"standard deviation {deviation} over {samples}")
-        first = [self.records[k] for k in np.flatnonzero(np.asarray(self.overturns_first))]
-        if first:
-            also = f" (and {len(first) - 1} others)" * (len(first) > 1)
-            lines.append(
-                f"incomplete: record {first[0]!r}{also} overturns it at the lowest level, so that"
-                " the rate may be higher"
-            )
-        elif not self.complete:
-            lines.append(
-                "incomplete: an integration did not finish, or a boundary is not listed"
-            )
+        if not self.complete:
+            overturned = [self.records[k] for k in np.flatnonzero(self.overturns_first)]
+            reason = "an integration did not finish, or a boundary is not listed"
+            if overturned:
+                reason = f"record {overturned[0]!r} overturns it at the lowest level"
+            lines.append(f"incomplete: {reason}")
         return "\n".join(lines)
 
 
@@ -198,14 +184,12 @@ def overturning_rate(
     """
     check_kind("site", site, Site)
     check_kind("block", block, Block)
-    restitution = read_restitution(block, restitution)
-    if is_traced((block, restitution)):
-        check_shapes(block=block, restitution=restitution)
-    else:
-        gather_objects(block, restitution)
     sample_rates = boundaries = None
     if uncertain is None:
-        table, boundaries = find_outcomes(block, restitution, site, model, max_boundaries)
+        objects = block, read_restitution(block, restitution)
+        if not is_traced(objects):
+            objects = gather_objects(*objects)
+        table, boundaries = find_outcomes(*objects, site, model, max_boundaries)
         fields = average_traced(table) if is_traced(table[:-1]) else table.average()
     else:
         objects = gather_objects(block, restitution)

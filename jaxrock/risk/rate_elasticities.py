@@ -1,6 +1,5 @@
 """Elasticities of the rate of overturning, over a finite change of each parameter."""
 
-from collections.abc import Mapping, Sequence
 from typing import cast, get_args
 
 import equinox as eqx
@@ -41,15 +40,6 @@ class RateElasticities(Printed, eqx.Module):
     elasticity: Float[Array, " names ..."]
     change: float = eqx.field(static=True)
     rate: OverturningRate
-
-    def table(self) -> dict[str, float]:
-        """List the elasticities of one block by the names of its parameters.
-
-        Returns
-        -------
-        dict
-        """
-        return dict(zip(self.names, self.elasticity.tolist(), strict=True))
 
     def __str__(self) -> str:
         if np.ndim(self.rate.rate):
@@ -112,72 +102,27 @@ def rate_elasticities(
         )
     check_kind("site", site, Site)
     by = cast("SizeDescription", as_name("by", by, get_args(SizeDescription)))
-    objects = gather_objects(block, restitution)
+    block, restitution = gather_objects(block, restitution)
     rate = overturning_rate(block, restitution, site, model=model)
-    parameters = list_parameters(*objects, by)
+    sizes = size_of(jax.tree.map(np.asarray, block), by)
+    parameters = {**sizes, "restitution": restitution}
     names = tuple(parameters)
-    changed = change_parameters(parameters, names, change, objects[0].one_sided)
-    table = compute_outcomes(*changed, site, model, tolerance=_TOLERANCE)
-    rates = np.asarray(table.contributions.mean(axis=0))
-    elasticity = compute_elasticities(parameters, names, change, rates, np.asarray(rate.rate))
-    elasticity = jax.device_put(np.moveaxis(elasticity, -1, 0).astype(rates.dtype))
-    return RateElasticities(names, elasticity, float(change), rate)
-
-
-def list_parameters(
-    block: Block, restitution: np.ndarray, by: SizeDescription
-) -> dict[str, np.ndarray]:
-    """List the parameters of concrete objects by their names, the restitution last."""
-    block = jax.tree.map(np.asarray, block)
-    sizes = {name: np.asarray(value) for name, value in size_of(block, by).items()}
-    return {**sizes, "restitution": np.asarray(restitution)}
-
-
-def change_parameters(
-    parameters: Mapping[str, np.ndarray], names: Sequence[str], change: float, one_sided: bool
-) -> tuple[Block, np.ndarray]:
-    """Change one parameter after the other to a lower and to a higher value.
-
-    Returns blocks and restitutions of shape (..., 2 names): all lower values, then all higher.
-    """
-    changed = {}
-    for name, values in parameters.items():
-        changed[name] = np.repeat(values[..., None], 2 * len(names), axis=-1)
-        if name in names:
-            k = names.index(name)
-            changed[name][..., [k, k + len(names)]] = _choose_values(name, values, change)
-    return block_of(changed, one_sided), changed["restitution"]
-
-
-def _choose_values(name: str, values: np.ndarray, change: float) -> np.ndarray:
-    """Choose a lower and a higher value of a parameter, (..., 2)."""
-    low = values * (1 - change)
-    high = values * (1 + change)
-    if name == "inertia_ratio":
-        low = np.maximum(low, 1.0)
-    if name == "restitution":
-        # With C = 1 a block would bounce without end: it goes halfway there at most.
-        high = np.minimum(high, 0.5 * (1 + values))
-    return np.stack([low, high], axis=-1)
-
-
-def compute_elasticities(
-    parameters: Mapping[str, np.ndarray],
-    names: Sequence[str],
-    change: float,
-    changed_rates: np.ndarray,
-    rate: np.ndarray,
-) -> np.ndarray:
-    """Compute elasticities from the rates (..., 2 names) at the values of `change_parameters`.
-
-    Returns an array of shape (..., names): NaN where the rate or the parameter is 0.
-    """
-    low, high = np.moveaxis(changed_rates.reshape(*rate.shape, 2, len(names)), -2, 0)
-    values = np.stack([parameters[name] for name in names], axis=-1)
-    spans = [
-        np.diff(_choose_values(name, parameters[name], change), axis=-1)[..., 0]
-        for name in names
-    ]
+    values = np.stack([*parameters.values()])
+    low, high = values * (1 - change), values * (1 + change)
+    # The inertia ratio and the restitution are the last. With C = 1 a block would bounce without
+    # end: it goes halfway there at most.
+    low[-2] = np.maximum(low[-2], 1.0)
+    high[-1] = np.minimum(high[-1], 0.5 * (1 + restitution))
+    # One parameter after the other at its lower and at its higher value, on the last two axes.
+    changed = np.tile(values[..., None, None], (2, len(names)))
+    for k in range(len(names)):
+        changed[k, ..., k] = np.stack([low[k], high[k]], axis=-1)
+    blocks = block_of(dict(zip(names, changed, strict=True)), block.one_sided)
+    table = compute_outcomes(blocks, changed[-1], site, model, tolerance=_TOLERANCE)
+    rates = np.moveaxis(np.asarray(table.contributions.mean(axis=0)), -1, 0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        elasticities = (high - low) / (np.stack(spans, axis=-1) / values) / rate[..., None]
-    return np.where(np.isfinite(elasticities), elasticities, np.nan)
+        relative = (rates[..., 1] - rates[..., 0]) / np.asarray(rate.rate)
+        elasticity = relative / ((high - low) / values)
+    elasticity = np.where(np.isfinite(elasticity), elasticity, np.nan)
+    elasticity = jax.device_put(elasticity.astype(rates.dtype))
+    return RateElasticities(names, elasticity, float(change), rate)

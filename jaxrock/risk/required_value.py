@@ -203,19 +203,13 @@ def search_value(
     check_concrete(parts, "the search depends on the answers")
     objects = gather_objects(block, restitution)
     number = objects[1].size
-    shapes = [np.shape(given) for given in (*bounds, target)]
-    if not {*shapes} <= {(), (number,)}:
-        raise ValueError(
-            "bounds and target must be single values, or one for each object, got shapes"
-            f" {', '.join(map(str, shapes))}, where the number of objects is {number}"
-        )
     low, high, targets = (
         np.broadcast_to(np.asarray(given, float), number) for given in (*bounds, target)
     )
     scans = _scan_values(objects, along, site, model, (low, high), targets, resolution)
     last_rate = float(site.rates[-1])
-    read = [_read_scan(*scan, along, last_rate) for scan in scans]
-    values, crossings, reasons = zip(*read, strict=True)
+    answers = [_read_scan(*scan, along, last_rate) for scan in scans]
+    values, crossings, reasons = zip(*answers, strict=True)
     columns = itertools.zip_longest(*crossings, fillvalue=np.nan)
     listed = np.array([*columns]).T.reshape(number, -1)
     # Those without a value are simulated at their lower bound, and taken out afterwards.
@@ -226,13 +220,12 @@ def search_value(
         "value": np.array(values),
         "rate": np.where(exists, table.contributions.mean(axis=0), np.nan),
         "crossings": listed,
-        "count": np.isfinite(listed).sum(axis=1),
     }
     for name, entries in fields.items():
-        dtype = table.levels.dtype if entries.dtype.kind == "f" else entries.dtype
         shaped = entries.reshape((*objects[1].shape, *entries.shape[1:]))
-        fields[name] = jax.device_put(shaped.astype(dtype))
-    return RequiredValue(**fields, reasons=reasons, along=along)
+        fields[name] = jax.device_put(shaped.astype(table.levels.dtype))
+    count = jnp.isfinite(fields["crossings"]).sum(axis=-1)
+    return RequiredValue(**fields, count=count, reasons=reasons, along=along)
 
 
 @search_value.def_jvp
@@ -304,7 +297,11 @@ def _scan_values(
 
     Returns for each object values in increasing order, the rates there, and the target [1/yr].
     """
-    few_levels = _thin_out(site)
+    levels = np.asarray(site.levels)
+    stride = max(1, int(_COARSE / np.diff(np.log(levels)).max()))
+    # The last level stands for all beyond.
+    chosen = np.append(np.arange(0, levels.size - 1, stride), levels.size - 1)
+    few_levels = Site(site.suite, site.hazard, site.measure, levels[chosen])
 
     def estimate(owner: np.ndarray, value: np.ndarray, finely: bool) -> np.ndarray:
         """Estimate rates, what is unknown of them, and their errors by narrow windows.
@@ -358,16 +355,6 @@ def _scan_values(
         is_fine = np.insert(is_fine, left + 1, False)
 
 
-def _thin_out(site: Site) -> Site:
-    """Return the site with a part of its levels, the last one included."""
-    levels = np.asarray(site.levels)
-    stride = max(1, int(_COARSE / np.diff(np.log(levels)).max()))
-    # The last level stands for all beyond.
-    chosen = np.append(np.arange(0, levels.size - 1, stride), levels.size - 1)
-    some = jax.device_put((levels[chosen], np.asarray(site.rates)[chosen]))
-    return eqx.tree_at(lambda site: (site.levels, site.rates), site, some)
-
-
 def _choose_first(low: float, high: float) -> np.ndarray:
     """Choose the values that are examined at first."""
     # Evenly in logarithms, since a rate is about a power of the size; a restitution of 0 has
@@ -389,23 +376,18 @@ def _read_scan(
     (before,) = np.nonzero(is_above[1:] != is_above[:-1])
     # On the safe side of each crossing, where the rate was computed to be below the target.
     crossings = values[np.where(is_above[before], before + 1, before)]
-    upwards = along not in _SAFE_BELOW
-    bound, end = ("upper", -1) if upwards else ("lower", 0)
+    bound, end, safe_side = ("upper", -1, "from there on")
+    if along in _SAFE_BELOW:
+        bound, end, safe_side = ("lower", 0, "up to there")
     quantity = f"{UNITS.get(along, '')}, {SIZES_IN_WORDS.get(along, along)}".removeprefix(", ")
     if is_above[end]:
-        reason = (
-            f"none: at the {bound} bound, {values[end]:.6g} {quantity}, the rate is still about"
-            f" {rates[end]:.3g} 1/yr, above {target:g} 1/yr"
-        )
-        return math.inf if upwards else -math.inf, crossings, reason
+        at_bound = f"at the {bound} bound, {values[end]:.6g} {quantity}"
+        above = f"the rate is still about {rates[end]:.3g} 1/yr, above {target:g} 1/yr"
+        return (-math.inf if end == 0 else math.inf), crossings, f"none: {at_bound}, {above}"
     if last_rate > target:
         return math.nan, crossings, f"not known: {describe_end(last_rate, target)}"
+    reason = f"{safe_side} the rate stays below {target:g} 1/yr"
     if not crossings.size:
-        value = values[-1 - end]
         reason = f"the rate is below {target:g} 1/yr at all values examined"
-    else:
-        value = crossings[end]
-        where = "from there on" if upwards else "up to there"
-        times = f", which it crosses {crossings.size} times" * (crossings.size > 1)
-        reason = f"{where} the rate stays below {target:g} 1/yr{times}"
-    return float(value), crossings, f"{value:.6g} {quantity}: {reason}"
+    value = float(crossings[end] if crossings.size else values[-1 - end])
+    return value, crossings, f"{value:.6g} {quantity}: {reason}"

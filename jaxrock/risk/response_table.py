@@ -44,8 +44,7 @@ class ResponseTable(NamedTuple):
 
     def exceed(self, limits: np.ndarray) -> np.ndarray:
         """Return which rotation ratios are exceeded, (records, objects, samples, n, levels)."""
-        exceeded = _exceed(self.response, self.critical_angle, limits)
-        return np.moveaxis(exceeded, -1, -2)
+        return np.moveaxis(_exceed(self.response, self.critical_angle, limits), -1, -2)
 
     def locate_boundaries(
         self, limits: np.ndarray

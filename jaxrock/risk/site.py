@@ -8,15 +8,8 @@ import numpy as np
 
 from ..ground_motion import Suite, require_positive_measures, warn_of_large_intensities
 from ..host import Printed
-from ..validation import (
-    Numbers,
-    Reals,
-    as_name,
-    as_real,
-    check_kind,
-    is_traced,
-)
-from .hazard import HAZARD_MEASURES, Hazard, check_levels, find_last_point
+from ..validation import Numbers, Reals, as_name, as_real, check_kind, is_traced
+from .hazard import HAZARD_MEASURES, Hazard, check_levels
 
 
 class Site(Printed, eqx.Module):
@@ -39,7 +32,7 @@ class Site(Printed, eqx.Module):
         states none.
     levels : array_like, shape (n,), optional
         At least two increasing levels, within the hazard curve. By default they cover all of
-        it, up to the first rate of 0.
+        it.
     spacing : float
         Relative distance of the default levels, from 0.001 to 0.2.
 
@@ -108,35 +101,31 @@ class Site(Printed, eqx.Module):
 def require_single_scales(suite: Suite) -> None:
     """Raise `ValueError` if records of a suite have arrays of scales."""
     for name, record in zip(suite.names, suite, strict=True):
-        shape = np.shape(record.scale)
-        if shape:
+        if shape := np.shape(record.scale):
             raise ValueError(
-                f"scales of records must be single numbers, got an array of shape {shape} for"
-                f" {name!r}"
+                f"scales of records must be single numbers, got shape {shape} for {name!r}"
             )
 
 
 def _choose_site_levels(hazard: Hazard, levels: Numbers | None, spacing: float | int) -> Reals:
     """Choose the levels at which to simulate; a `ValueError` if these are not allowed."""
+    if levels is None and is_traced(hazard.levels):
+        raise ValueError("levels must be given, since those of the hazard are traced")
     if levels is None:
         if not isinstance(spacing, float | int) or not 1e-3 <= spacing <= 0.2:
             raise ValueError(f"spacing must be from 0.001 to 0.2, got {spacing!r:.60}")
-        if is_traced(hazard.levels):
-            raise ValueError("levels must be given, since those of the hazard are traced")
-        last = -1 if is_traced(hazard.rates) else find_last_point(hazard)
-        low, high = np.asarray(hazard.levels)[[0, last]].tolist()
+        low, high = np.asarray(hazard.levels)[[0, -1]].tolist()
         number = max(3, math.ceil(math.log(high / low) / spacing) + 1)
         return as_real("levels", np.geomspace(low, high, number))
     given = check_levels("levels", levels, 2)
     if is_traced((given, hazard.levels)):
         return given
-    # Levels that are those of the hazard up to rounding are moved onto it.
-    slack = 8 * float(jnp.finfo(given.dtype).eps)
     low, high = np.asarray(hazard.levels)[[0, -1]].tolist()
-    first, last = np.asarray(given)[[0, -1]].tolist()
-    if first < low * (1 - slack) or last > high * (1 + slack):
+    # Levels that are those of the hazard up to rounding are moved onto it.
+    within = jnp.clip(given, low, high)
+    if not np.allclose(within, given, rtol=8 * jnp.finfo(given.dtype).eps, atol=0):
         raise ValueError(
             f"levels must be within those of the hazard, {low:.6g} to {high:.6g}, got"
-            f" {first:.6g} to {last:.6g}"
+            f" {given[0]:.6g} to {given[-1]:.6g}"
         )
-    return jnp.clip(given, low, high)
+    return within

@@ -2,9 +2,8 @@
 
 A head is a name and perhaps its unit in brackets, ``width [cm]`` or ``width (cm)``. The line of
 heads is the first one that has all columns that are needed; what stands above it is not read, and
-neither are lines that begin with #. Cells are separated by what a first line ``sep=;`` states, or
-else by the semicolons, tabs or commas of the line of heads. Beside semicolons and tabs, decimals
-may stand behind commas.
+neither are lines that begin with #. Cells are separated by the semicolons, tabs or commas of the
+line of heads. Beside semicolons and tabs, decimals may stand behind commas.
 """
 
 import contextlib
@@ -20,8 +19,6 @@ import numpy as np
 from .text import TextFile, as_number, normalize, quote_word
 from .units import Unit, parse_unit
 
-_SEPARATOR_LINE = re.compile(r'"?sep=(.?)"?\s*', re.I)
-_SEPARATOR = re.compile("[;,\t]")
 _HEAD = re.compile(r"(.*?)\s*[\[(]([^\[\]()]*)[\])]")
 
 
@@ -64,20 +61,12 @@ class Table:
     def __init__(self, text: TextFile, is_head: Callable[[list[Head]], bool], expected: str):
         """Find the line of heads; a `ValueError` that says what was `expected` if none is."""
         self.text = text
-        stated = _SEPARATOR_LINE.fullmatch(text.lines[0])
         for self.line, content in enumerate(text.lines, 1):
-            # A tab after "sep=" may have been stripped with the blanks at the end of the line.
-            found = next((sign for sign in ";\t," if sign in content), ",")
-            self.separator = (stated[1] or "\t") if stated else found
-            # In a title a quote may stand alone.
-            with contextlib.suppress(ValueError):
-                self.heads = [*map(read_head, self._split_line(self.line))]
-                if self.heads and is_head(self.heads):
-                    return
-        # Titles have fewer cells than heads.
-        likely = max(text.lines, key=lambda content: len(_SEPARATOR.findall(content)))
-        got = quote_word(likely)
-        raise text.error(f"{expected} was expected, got {got}", text.lines.index(likely) + 1)
+            self.separator = next((sign for sign in ";\t," if sign in content), ",")
+            self.heads = [*map(read_head, self._split_line(self.line))]
+            if self.heads and is_head(self.heads):
+                return
+        raise text.error(f"{expected} was expected, got {quote_word(text.lines[0])}", 1)
 
     def error(self, reason: str) -> ValueError:
         """Make an error about the heads."""
@@ -98,14 +87,10 @@ class Table:
     def _split_line(self, line: int, width: int = 1) -> list[str]:
         """Split a line into cells, `width` of which may be empty at the end; none of a comment."""
         content = self.text.lines[line - 1]
-        if _is_comment(content):
+        if content.lstrip().startswith("#"):
             return []
-        options = {"delimiter": self.separator, "skipinitialspace": True, "strict": True}
-        try:
-            cells = [cell.strip() for cell in next(csv.reader([content], **options), [])]
-        # A quote that does not end, or a cell of more than 131,072 characters.
-        except csv.Error as error:
-            raise self.text.error(f"it is no row of cells: {error}", line) from None
+        reader = csv.reader([content], delimiter=self.separator, skipinitialspace=True)
+        cells = [cell.strip() for cell in next(reader, [])]
         # Spreadsheets end lines with separators of empty cells.
         while len(cells) > width and not cells[-1]:
             del cells[-1]
@@ -117,30 +102,22 @@ class Table:
             cell = cell.replace(",", ".", 1)
         return as_number(cell)
 
-    def require_one_decimal_sign(self, columns: Sequence[int]) -> None:
-        """Refuse columns in which decimals stand behind points as well as behind commas."""
-        cells = [row.cells[k] for row in self.rows for k in columns]
-        if all(any(sign in cell for cell in cells) for sign in ".,"):
-            raise self.error("decimals must all stand behind points, or all behind commas")
-
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
         """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
         sign = self.separator
-        lines = [line for line in self.text.lines[self.line :] if not _is_comment(line)]
+        lines = [x for x in self.text.lines[self.line :] if not x.lstrip().startswith("#")]
         while lines and not lines[-1].strip(f"{sign} "):
             del lines[-1]
         # `loadtxt` passes over empty lines, which samples must not have, and cells too many.
         if {line.count(sign) for line in lines} == {len(self.heads) - 1}:
             with contextlib.suppress(ValueError):
-                values = np.loadtxt(
-                    lines, delimiter=sign, comments=None, usecols=columns, ndmin=2
-                )
+                values = np.loadtxt(lines, delimiter=sign, usecols=columns, ndmin=2)
                 if len(values) == len(lines) > 1 and np.isfinite(values).all():
                     return values.T
-        rows = self.rows
-        values = np.array([[self.require_number(row, k) for row in rows] for k in columns])
-        self.require_one_decimal_sign(columns)
-        if not 1 < len(rows) == len(lines):
+        values = np.array(
+            [[self.require_number(row, k) for row in self.rows] for k in columns]
+        )
+        if not 1 < len(self.rows) == len(lines):
             raise self.error("samples were expected in all lines below, and at least two")
         return values
 
@@ -151,8 +128,3 @@ class Table:
             seen = f"column {self.heads[column].label!r} must have a finite number"
             raise self.text.error(f"{seen}, got {quote_word(row.cells[column])}", row.line)
         return number
-
-
-def _is_comment(line: str) -> bool:
-    """Return whether a line begins with #."""
-    return line.lstrip().startswith("#")

@@ -5,9 +5,6 @@ import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 
-# By the byte-order mark, which UTF-8 may have too.
-_ENCODINGS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
-
 
 class NamedFile:
     """A file of any kind, and errors that name it."""
@@ -19,14 +16,6 @@ class NamedFile:
     def error(self, reason: str, line: int = 0) -> ValueError:
         """Make the error that gives the reason, with the file and perhaps the line."""
         return ValueError(f"{str(self.path)!r}{f', line {line}' if line else ''}: {reason}")
-
-    def read_content(self) -> bytes:
-        """Read the whole file; a `ValueError` that names it if it cannot be read."""
-        try:
-            return self.path.read_bytes()
-        except OSError as error:
-            reason = error.strerror or error
-            raise self.error(f"the file cannot be read: {reason}") from error
 
 
 class TextFile(NamedFile):
@@ -43,27 +32,20 @@ class TextFile(NamedFile):
     def __init__(self, path: str | os.PathLike[str], content: bytes | None = None):
         """Take the lines of the content, or of the file; a `ValueError` if that is no text."""
         super().__init__(path)
-        content = self.read_content() if content is None else content
-        text = self._decode(content).replace("\r\n", "\n").replace("\r", "\n")
+        content = self.path.read_bytes() if content is None else content
+        marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+        try:
+            text = content.decode("utf-16" if marked else "utf-8-sig")
+        # As Windows writes it. Numbers are the same; only names and comments have other letters.
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")
+        text = text.replace("\r\n", "\n").replace("\r", "\n")
         # DOS files end with a Ctrl-Z. A tab may be in front of a cell that is empty.
         whole = text.rstrip("\x1a\n ")
-        if not whole.strip():
-            raise self.error("the file is empty")
-        if "\0" in whole:
-            raise self.error("a text file was expected: save a spreadsheet as CSV")
+        if not whole.strip() or "\0" in whole:
+            raise self.error("a text with lines was expected: save a spreadsheet as CSV")
         self.ends = len(text) > len(whole)
         self.lines = whole.split("\n")
-
-    def _decode(self, content: bytes) -> str:
-        """Decode UTF-8, UTF-16 with its mark, or else Latin-1, as Windows writes it."""
-        code = next((c for mark, c in _ENCODINGS.items() if content.startswith(mark)), "utf-8")
-        try:
-            return content.decode(code)
-        except UnicodeDecodeError:
-            # Numbers are the same; only names and comments have other letters.
-            if code == "utf-8":
-                return content.decode("latin-1")
-            raise self.error(f"the file seems to be damaged: it is no {code}") from None
 
 
 def as_number(word: str) -> float | None:
@@ -76,9 +58,8 @@ def as_number(word: str) -> float | None:
 
 
 def quote_names(names: Iterable[str]) -> str:
-    """Quote the first of several names, for a message."""
-    quoted = [*map(quote_word, names)]
-    return ", ".join(quoted[:12] + ["..."] * bool(quoted[12:]))
+    """Quote several names, for a message."""
+    return ", ".join(map(quote_word, names))
 
 
 def quote_word(word: str) -> str:

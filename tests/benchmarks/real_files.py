@@ -169,11 +169,11 @@ NETWORKS = {
 }
 # Where the plain parsers stop at what is no file of their format.
 STOPS = (ValueError, LookupError, AttributeError, NameError, TypeError, StopIteration)
-SITES = {"openquake": "poe-", "nshmp": ""}
+SITES = {"openquake": "poe-"}
 
 
 def parse_sites(path, prefix):
-    """Curves of OpenQuake or nshmp-haz: measure and a place, levels and rates of each site."""
+    """Curves of OpenQuake: measure and a place, levels and rates of each site."""
     lines = path.read_text().splitlines()
     about = lines[0] if prefix else ""
     measure = re.search(r"imt=['\"](\w+)['\"]", about)

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 import pytest
 from networks import NETWORKS, STEP, G
-from test_hazard_files import NSHMP, OPENQUAKE
+from test_hazard_files import OPENQUAKE
 
 import jaxrock as jr
 from jaxrock.calibration import read_impact_times, read_tests
@@ -124,7 +124,7 @@ def compare_levels(hazard, text):
     for name in table.heads:
         if name.startswith("probability in"):
             rates = -np.log1p(-table.numbers(name)) / float(name.split()[2])
-    order = [k for k in np.argsort(levels) if rates[k] < np.inf]
+    order = [k for k in np.argsort(levels) if 0 < rates[k] < np.inf]
     yield hazard.levels, levels[order]
     yield hazard.rates, rates[order]
 
@@ -136,8 +136,9 @@ def compare_sites(hazard, text):
     rates = np.concatenate([table.numbers(name) for name in names])
     if years := re.search(r"investigation_time=([\d.]+)", text):
         rates = -np.log1p(-rates) / float(years[1])
-    yield hazard.levels, levels[rates < np.inf]
-    yield hazard.rates, rates[rates < np.inf]
+    known = (rates > 0) & (rates < np.inf)
+    yield hazard.levels, levels[known]
+    yield hazard.rates, rates[known]
 
 
 def compare_objects(found, text):
@@ -217,14 +218,12 @@ TABLES |= {
     f"{name}; semicolons": (re.sub(r"\.(?=\d)", ",", content.replace(",", ";")), *others)
     for name, (content, *others) in TABLES.items()
 }
-read_nshmp = partial(jr.risk.read_hazard, measure="pga", unit="g")
 for sign in ",;":
     TABLES[f"OpenQuake{sign}"] = (
         OPENQUAKE.replace(",", sign),
         jr.risk.read_hazard,
         compare_sites,
     )
-    TABLES[f"nshmp-haz{sign}"] = NSHMP.replace(",", sign), read_nshmp, compare_sites
 KINDS = {name: ("a.csv", *table) for name, table in TABLES.items()}
 for name, sample in NETWORKS.items():
     read = partial(jr.read_suite, vertical=bool(sample.vertical))

@@ -69,14 +69,13 @@ REFUSED = {
     "counts of an instrument": ([make_trace(data=np.arange(9, dtype=np.int32))], {}),
     "in pieces": ([make_trace(), make_trace(start=9.0)], {}),
     "starts 1 s apart": ([make_trace(), make_trace("HNN", start=1.0)], {}),
-    "IDEP": ([make_trace(sac={"idep": 7})], {}),  # of velocities
 }
 
 
 @pytest.mark.parametrize("reason", REFUSED)
 def test_files_that_are_refused(write, reason):
     traces, options = REFUSED[reason]
-    path = write(pack("SAC" if reason == "IDEP" else "MSEED", *traces), "a")
+    path = write(pack("MSEED", *traces), "a")
     with pytest.raises(ValueError, match=reason):
         jr.read_record(path, **({"unit": "gal"} | options))
 

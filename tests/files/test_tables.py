@@ -26,10 +26,9 @@ SPREADSHEET = (
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("sign", [";", "\t", "|"])
+@pytest.mark.parametrize("sign", [";", "\t"])
 def test_a_table_of_a_spreadsheet(write, encoding, end, sign):
-    stated = "sep=|\n" if sign == "|" else ""
-    content = (stated + SPREADSHEET.replace(";", sign)).replace("\n", end)
+    content = SPREADSHEET.replace(";", sign).replace("\n", end)
     contents = read_table(write(content, encoding=encoding), COLUMNS)
     values = contents.values
     assert values["name"].tolist() == ['Vase, "rot"', "B\u00fcste"]
@@ -38,7 +37,7 @@ def test_a_table_of_a_spreadsheet(write, encoding, end, sign):
     np.testing.assert_allclose(values["damping"], [math.nan, 0.025], rtol=1e-15)
     assert values["fixed"].tolist() == [True, False]
     assert contents.others == {"Geb\u00e4ude": ["alt", ""]}
-    with pytest.raises(ValueError, match=rf"a\.csv', line {9 if stated else 8}: no"):
+    with pytest.raises(ValueError, match=r"a\.csv', line 8: no"):
         contents.require(np.array([True, False]), "no")
     few = read_table(write("width [m],name\n1,a\n"), COLUMNS)
     assert np.isnan(few.values["period"]).all()
@@ -49,21 +48,15 @@ def test_a_table_of_a_spreadsheet(write, encoding, end, sign):
 HEAD = "name,width [m],period [s]"
 # What is refused, with what the error must contain.
 REFUSED = [
-    ("", ("is empty",)),
+    ("", ("text with lines",)),
     (b"PK\3\4\24\0", ("save a spreadsheet as CSV",)),
-    (b"\xff\xfea", ("damaged", "utf-16")),
-    ("Hall 3\nname,heigth [m]\na,1\n", ("line 2", "name, width [m]", "heigth")),
+    ("name,heigth [m]\na,1\n", ("line 1", "name, width [m]", "heigth")),
     ("1,2\n3,4\n", ("line 1", "name, width [m]", "'1,2'")),
     (f"{HEAD}\n", ("line 1", "at least one row")),
     ("name,width\na,1\n", ("line 1", "'width'", "'width [m]'")),
     ("name,width [kg]\na,1\n", ("line 1", "'width [kg]'", "'width [m]'")),
     ("name,width [m],fixed [m]\na,1,1\n", ("'fixed [m]'", "'fixed'")),
-    ("name,width [m],object\na,1,b\n", ("'object'", "'name' is there already")),
-    *(
-        (f"name,width [m],{word} [s]\na,1,1\n", (f"'{word} [s]'", "'period' meant"))
-        for word in ("peroid", "perio", "periods", "pariod")
-    ),
-    ("name,width [m],period [s\na,1,1\n", ("'period [s'", "'period' meant")),
+    ("name,width [m],object\na,1,b\n", ("'name' is there twice",)),
     # Cells: of all rows of a column at once.
     (f"{HEAD}\na,1,0\nb,-1,x\nc,,1\n", ("line 3", "width", "'-1'", "line 4", "got ''")),
     (f"{HEAD}\n,1,1\n", ("line 2", "'name'", "each row")),
@@ -72,7 +65,6 @@ REFUSED = [
     (f'{HEAD}\na,"1,5",1\n', ("line 2", "'1,5'")),
     (f"{HEAD}\na,1,2,3\n", ("line 2", "3 cells", "got 4")),
     (f'{HEAD}\n"a,1,2\n', ("line 2", "cells")),
-    ("name;width [m]\na;1,5\nb;2.5\n", ("line 1", "decimals")),
     (f"{HEAD}\na,1,0.25\nb,1", ("line 3", "3 cells", "got 2")),
 ]
 
@@ -104,8 +96,3 @@ def test_units(spellings, dimension, factor):
         unit = parse_unit(spelling)
         assert unit.dimension == dimension, spelling
         assert unit.factor == pytest.approx(factor, rel=1e-15, nan_ok=True), spelling
-
-
-def test_two_unknown_columns_of_one_name_are_kept(write):
-    others = read_table(write(f"{HEAD},note,note\na,1,1,x,y\n"), COLUMNS).others
-    assert list(others.values()) == [["x"], ["y"]]

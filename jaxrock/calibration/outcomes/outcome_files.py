@@ -122,7 +122,7 @@ def read_tests(path: str | os.PathLike[str]) -> Outcomes:
     records = _read_records(contents, Path(path).parent)
     try:
         suite = Suite(records, _make_names(values["name"].tolist(), values["file"].tolist()))
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         raise contents.table.text.error(str(error)) from None
     overturned = jax.device_put(values["overturned"])
     return Outcomes(suite, overturned, tuple(groups.tolist()) if groups[0] else None)
@@ -152,7 +152,7 @@ def _read_records(contents: Contents, folder: Path) -> list[Record]:
             record = read(
                 folder / file, unit=unit or None, time_step=step, column=column or None
             )
-        except ValueError as error:
+        except (OSError, ValueError) as error:
             raise contents.table.text.error(str(error), row.line) from None
         records.append(record.scaled(1.0 if math.isnan(scale) else scale))
     return records

@@ -17,8 +17,6 @@ Direction = Literal["level", "up", "down", ""]
 
 # Relative difference of time steps that count as the same: files print them with few digits.
 UNIFORM = 1e-3
-# Of a peak and its samples, which files print with four digits or more.
-_SAME_PEAK = 1e-4
 # No ground has moved so fast: a larger PGA [m/s2] is one of other units, or of counts.
 _LARGEST_PGA = 20 * 9.80665
 # Names of channels, and of the axes of columns. An azimuth is level.
@@ -50,10 +48,8 @@ class Caller(NamedTuple):
         """Return the unit [m/s2] that the file states, or else the caller; they must agree."""
         factor = convert_unit(stated) if stated else self.factor
         if factor is None or math.isnan(factor):
-            seen = (
-                f"the unit {stated!r} is unknown" if stated else "no unit is stated: give unit"
-            )
-            raise file.error(f"{seen}, {UNITS_OF_ACCELERATION}")
+            seen = f"the unit {stated!r} is unknown" if stated else "no unit is stated"
+            raise file.error(f"{seen}: give unit, {UNITS_OF_ACCELERATION}")
         if not math.isclose(factor, self.factor or factor):
             raise file.error(f"unit is {self.unit!r}, but the file states {stated!r}")
         return factor
@@ -112,24 +108,6 @@ def make_component(
     return Component(name, values, caller.choose_step(file, step), channel, direction)
 
 
-def require_peak(
-    file: NamedFile, values: np.ndarray, word: str, unit: str, line: int = 0
-) -> None:
-    """Refuse values [m/s2] whose peak is not the printed one, with any sign; empty for none."""
-    if not word:
-        return
-    stated = abs(require_number(file, word, line))
-    mantissa, _, exponent = word.lower().partition("e")
-    digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
-    peak = float(abs(values).max(initial=0.0)) / convert_unit(unit)
-    # Some programs cut a peak instead of rounding it.
-    if not abs(peak - stated) <= 1.01 * digit + _SAME_PEAK * stated:
-        raise file.error(
-            f"the header states a peak of {word} {unit}, but that of the values is {peak:.6g}",
-            line,
-        )
-
-
 def require_number(file: NamedFile, word: str, line: int = 0) -> float:
     """Convert a word of a header to a number; a `ValueError` if it is none."""
     number = as_number(word)
@@ -164,12 +142,9 @@ def make_record(horizontal: Component, *upward: Component) -> Record:
                 f"{other.name} points {other.direction}, a vertical component must be positive"
                 " upward: give its values, times -1 if need be, as Record(vertical=)"
             )
-        if other.values.size != values.size or not math.isclose(
-            other.step, step, rel_tol=1e-6
-        ):
+        if not math.isclose(other.step, step, rel_tol=1e-6):
             raise ValueError(
-                f"{other.name} has {other.values.size} samples, {other.step:g} s apart, but"
-                f" {name} has {values.size}, {step:g} s apart"
+                f"{other.name} has a step of {other.step:g} s, {name} of {step:g} s"
             )
     try:
         record = Record(values, step, *(other.values for other in upward))

@@ -8,7 +8,7 @@ https://www.strongmotioncenter.org/vdc/cosmos_format_1_20.pdf.
 import re
 
 from ...tables import TextFile
-from .components import Caller, Component, Direction, make_component, require_peak
+from .components import Caller, Component, Direction, make_component
 from .fields import find, read_fixed, read_format
 
 COSMOS_TITLE = r".*\(Format v\d+\.\d+ with +(\d+) text lines\)"
@@ -18,8 +18,8 @@ _CHANNEL = r"^\s*Sta +Cha\w*:?\s*[^\s:]+\s*: *(\w+)"
 # Station, channel, network and location, in a comment.
 _SCNL = r"<SCNL>[^.]*\.(\w+)\."
 _DATA = r"^\s*(\d+)\s+(\w+)[\w .]* pts"
-# Where they stand in the reals: step [ms] and peak; in the integers: the orientation.
-_MILLISECONDS, _PEAK, _SENSOR = 61, 63, 53
+# Where they stand: the step [ms] among the reals, the orientation among the integers.
+_MILLISECONDS, _SENSOR = 61, 53
 # Codes of orientations beside azimuths from 1 to 360.
 _ORIENTATIONS: dict[int, Direction] = {400: "up", 401: "down", 402: ""}
 _UNKNOWN = -999.0
@@ -36,7 +36,7 @@ def read_cosmos(text: TextFile, caller: Caller, top: int) -> tuple[list[Componen
         values, at = read_fixed(text, at + 1, count, read_format(text, at))
         blocks.append(values)
     integers, reals = blocks
-    if len(integers) <= _SENSOR or len(reals) <= _PEAK:
+    if len(integers) <= _SENSOR or len(reals) <= _MILLISECONDS:
         raise text.error("the headers of numbers are too short", at)
     data = at + 1 + int(find(text, at, r"^\s*(\d+) +comment line", "comment lines")[1])
     seed = re.search(_SCNL, "".join(text.lines[at:data]))
@@ -50,7 +50,7 @@ def read_cosmos(text: TextFile, caller: Caller, top: int) -> tuple[list[Componen
         return [], end + 1
     if quantity.lower() != "acceleration":
         raise text.error(f"acceleration was expected, got {quantity!r}", data + 1)
-    step, peak = reals[[_MILLISECONDS, _PEAK]].tolist()
+    step = float(reals[_MILLISECONDS])
     component = make_component(
         text,
         caller,
@@ -59,8 +59,5 @@ def read_cosmos(text: TextFile, caller: Caller, top: int) -> tuple[list[Componen
         step=None if step == _UNKNOWN else step / 1000,
         channel=channel,
         direction=_ORIENTATIONS.get(int(integers[_SENSOR])),
-    )
-    require_peak(
-        text, component.values, "" if peak == _UNKNOWN else f"{peak:.4f}", unit, data + 1
     )
     return [component], end + 1

@@ -9,15 +9,14 @@ https://www.conservation.ca.gov/cgs/pages/program-smi/reports/other/osms85-03.as
 import re
 
 from ...tables import TextFile
-from .components import Caller, Component, invert, make_component, require_number, require_peak
+from .components import Caller, Component, invert, make_component, require_number
 from .fields import find, get_line, read_fixed, read_format
 
 CSMIP_TITLE = r"^\s*(?:un)?corrected accelerogram"
-# Of the first and of the second volume: lines above the values, the line with the channel, the
-# line with the peak, and how many numbers of which width a line has, where no format is stated.
-_VOLUMES = {True: (27, 6, 11, (8, 9)), False: (45, 7, 17, (8, 10))}
+# Of the first and of the second volume: lines above the values, the line with the channel, and how
+# many numbers of which width a line has, where no format is stated.
+_VOLUMES = {True: (27, 6, (8, 9)), False: (45, 7, (8, 10))}
 _CHANNEL = r"^\s*chan *\d+: *(\w+)"
-_PEAK = r"(?:max|peak acc\w+) *= *([-\d.]+) *([^\s,]+)"
 # The line above the values: how many they are, and of what.
 _POINTS = r"^\s*(\d+) +(?:points of )?(accel|veloc|displ)"
 _STEP = r" at +([\d.]+) *(pts/)?sec"
@@ -27,7 +26,7 @@ _UNIT = r" in (?:units of +)?([^\s(]+)|units: *([^\s)]+)"
 def read_csmip(text: TextFile, caller: Caller, top: int) -> tuple[list[Component], int]:
     """Read a channel, and the index of the line after it."""
     title = find(text, top, CSMIP_TITLE, "the title of a channel")[0]
-    length, channel_line, peak_line, layout = _VOLUMES["un" in title.lower()]
+    length, channel_line, layout = _VOLUMES["un" in title.lower()]
     at = top + length
     components = []
     while not re.match(r"\W*end of data", get_line(text, at, "'End of data'"), re.I):
@@ -39,7 +38,6 @@ def read_csmip(text: TextFile, caller: Caller, top: int) -> tuple[list[Component
             step, per_second = find(text, at, _STEP, "a time step").groups()
             number = require_number(text, step, at + 1)
             unit = find(text, at, _UNIT, "a unit")
-            peak, peak_unit = find(text, top + peak_line, _PEAK, "a peak").groups()
             component = make_component(
                 text,
                 caller,
@@ -48,7 +46,6 @@ def read_csmip(text: TextFile, caller: Caller, top: int) -> tuple[list[Component
                 step=invert(number) if per_second else number,
                 channel=find(text, top + channel_line, _CHANNEL, "'Chan 1: 360 Deg'")[1],
             )
-            require_peak(text, component.values, peak, peak_unit, top + peak_line + 1)
             components.append(component)
         at = end
     return components, at + 1

@@ -5,7 +5,7 @@ needed here. They are described at https://esm-db.eu/#/data_and_services (format
 """
 
 from ...tables import TextFile
-from .components import Caller, Component, NotAcceleration, make_component, require_peak
+from .components import Caller, Component, NotAcceleration, make_component
 from .fields import read_free
 
 ESM_TITLE = r"\s*EVENT_NAME:"
@@ -28,5 +28,4 @@ def read_esm(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], i
     unit = keys.get("UNITS", "")
     values = read_free(text, top, points)
     component = make_component(text, caller, values, unit=unit, step=step, channel=channel)
-    require_peak(text, component.values, keys.get("PGA_CM/S^2", ""), "cm/s2")
     return [component], len(text.lines)

@@ -93,21 +93,19 @@ def example_suite(*, vertical: bool = False) -> Suite:
     return Suite(suite.records, suite.names, source=EXAMPLE_SOURCE)
 
 
-def find_suite(name: str, vertical: bool = False) -> Suite:
+def find_suite(name: str) -> Suite:
     """Find a suite by its name: ``"example"``, or ``"fema-"`` and a set of FEMA P695.
 
     Raises
     ------
     ValueError
-        If there is no such suite, or none with a vertical component.
+        If there is no such suite.
     """
     if name == "example":
-        return example_suite(vertical=vertical)
+        return example_suite()
     names = {f"fema-{record_set}": record_set for record_set in FEMA_SETS}
     if name not in names:
         raise ValueError(
             f"records must be a folder that exists, example, {', '.join(names)}, got {name!r}"
         )
-    if vertical:
-        raise ValueError(f"{name} has no vertical component")
     return fema_p695_suite(names[name])

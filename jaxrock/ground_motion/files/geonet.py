@@ -6,13 +6,13 @@ https://www.geonet.org.nz/data/supplementary/strong_motion_file_formats.
 """
 
 from ...tables import TextFile
-from .components import Caller, Component, make_component, require_peak
+from .components import Caller, Component, make_component
 from .fields import find, read_fixed
 
 GEONET_TITLE = r"\s*(?:un)?corrected accelerogram\b.*\bgns science\b"
 _LAYOUT = (10, 8)
 _TEXT_LINES = 16
-_PEAK = r"^\s*acceleration: *peak +([-\d.]+) *(\S+) +at"
+_PEAK = r"^\s*acceleration: *peak +[-\d.]+ *(\S+) +at"
 # Where they stand among the 100 numbers: how many values of each quantity, a factor, the step.
 _COUNTS = slice(33, 36)
 _FACTOR, _STEP = 47, 65
@@ -22,7 +22,7 @@ def read_geonet(text: TextFile, caller: Caller, top: int) -> tuple[list[Componen
     """Read a component, and the index of the line after its displacements."""
     find(text, top, GEONET_TITLE, "a title with '... accelerogram ... GNS Science'")
     channel = find(text, top + 12, r"^\s*component +([nsewupdo\d]+)", "the component")[1]
-    peak, unit = find(text, top + 13, _PEAK, "the peak acceleration").groups()
+    unit = find(text, top + 13, _PEAK, "the peak acceleration")[1]
     numbers, at = read_fixed(text, top + _TEXT_LINES, 100, _LAYOUT)
     if numbers[_FACTOR] != 1:
         raise text.error(f"values times {numbers[_FACTOR]:g} are not read", top + 21)
@@ -33,5 +33,4 @@ def read_geonet(text: TextFile, caller: Caller, top: int) -> tuple[list[Componen
         series.append(values)
     step = float(numbers[_STEP])
     component = make_component(text, caller, series[0], unit=unit, step=step, channel=channel)
-    require_peak(text, component.values, peak, unit, top + 14)
     return [component], at

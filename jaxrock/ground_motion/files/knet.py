@@ -6,7 +6,7 @@ The format is described at https://www.kyoshin.bosai.go.jp/kyoshin/man/knetform_
 import math
 
 from ...tables import TextFile
-from .components import Caller, Component, find_direction, require_peak
+from .components import Caller, Component, find_direction
 from .fields import find, read_free
 
 KNET_TITLE = r"Origin Time"
@@ -24,13 +24,10 @@ def read_knet(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], 
     duration = float(find(text, 11, r"^Duration.* ([\d.]+)\s*$", "a duration")[1])
     sensor = find(text, 12, r"^Dir\. +(N-S|E-W|U-D|[1-6])\s*$", "a direction")[1]
     factor = find(text, 13, r"^Scale.* ([\d.]+)\(gal\)/([\d.]+)\s*$", "a factor in gal")
-    peak = find(text, 14, r"^Max.* ([\d.-]+)\s*$", "a peak")[1]
     counts = read_free(text, _HEADER_LINES)
     if not math.isclose(counts.size, duration * rate):
         raise text.error(f"{duration:g} s at {rate:g} Hz are not {counts.size} values", 12)
     values = caller.choose_unit(text, "gal") * (float(factor[1]) / float(factor[2])) * counts
-    # The offset of the instrument stays in the samples, though not in the peak that is stated.
-    require_peak(text, values - values.mean(), peak, "gal", 15)
     channel = _CHANNELS[sensor.upper()]
     step = caller.choose_step(text, 1 / rate)
     component = Component(repr(str(text.path)), values, step, channel, find_direction(channel))

@@ -12,12 +12,10 @@ from ...host import import_optional
 from ...tables import NamedFile
 from ..record import Record
 from ..units import convert_unit, require_unit
-from .components import Caller, Component, NotAcceleration, find_direction, make_record
+from .components import Caller, Component, find_direction, make_record
 
 # Fraction of a step by which channels of one file may start apart.
 _TOGETHER = 0.01
-# SAC's codes of displacement, velocity and volts.
-_SAC_OTHERS = (6, 7, 50)
 
 
 def from_obspy(
@@ -111,10 +109,7 @@ def read_traces(file: NamedFile, content: bytes, caller: Caller) -> list[Compone
         try:
             traces = [*obspy.read(io.BytesIO(content))]
         except Exception as error:
-            reason = " ".join(str(error).split())[:200]
-            raise file.error(
-                f"obspy does not read it: {type(error).__name__} {reason}"
-            ) from error
+            raise file.error(f"obspy does not read it: {error!r:.200}") from error
     channels = [trace.stats.channel for trace in traces]
     ids = [trace.id for trace in traces]
     components = []
@@ -124,8 +119,6 @@ def read_traces(file: NamedFile, content: bytes, caller: Caller) -> list[Compone
                 "the samples are counts of an instrument: remove the response in obspy, and use"
                 " jaxrock.ground_motion.from_obspy"
             )
-        if getattr(trace.stats, "sac", {}).get("idep") in _SAC_OTHERS:
-            raise NotAcceleration(str(file.error("its IDEP states another quantity")))
         late = abs(trace.stats.starttime - traces[0].stats.starttime)
         if ids.count(trace.id) > 1 or late > _TOGETHER * trace.stats.delta:
             raise file.error(

@@ -56,8 +56,7 @@ FORMATS = (
 
 def list_suffixes() -> tuple[str, ...]:
     """List the ends of names, in lower case, of the files in a folder that are read."""
-    known = (suffix for known in FORMATS for suffix in known.suffixes)
-    return (*TABLE_SUFFIXES, *TRACE_SUFFIXES, *known)
+    return sum((known.suffixes for known in FORMATS), TABLE_SUFFIXES + TRACE_SUFFIXES)
 
 
 def read_components(path: Path, caller: Caller, *named: str) -> list[Component]:
@@ -65,19 +64,16 @@ def read_components(path: Path, caller: Caller, *named: str) -> list[Component]:
     if path.suffix.lower() in TABLE_SUFFIXES:
         return read_samples(TextFile(path), caller, *named)
     file = NamedFile(path)
-    content = file.read_content()
+    content = path.read_bytes()
     # UTF-16 has zeros too, and a spreadsheet is refused as a text.
     is_binary = b"\0" in content and content[:2] not in (b"\xff\xfe", b"\xfe\xff", b"PK")
     if path.suffix.lower() in TRACE_SUFFIXES or is_binary:
         return read_traces(file, content, caller)
     text = TextFile(path, content)
-    for known in FORMATS:
-        # An .AT2 file begins in any way.
-        if known.title and re.match(known.title, text.lines[0], re.I):
-            break
-        if not known.title and path.suffix.lower() in known.suffixes:
-            break
-    else:
+    fitting = [f for f in FORMATS if re.match(f.title, text.lines[0], re.I)]
+    # An .AT2 file begins in any way.
+    known = next((f for f in fitting if f.title or path.suffix.lower() in f.suffixes), None)
+    if known is None:
         names = ", ".join([".csv", "miniSEED", "SAC", *(known.name for known in FORMATS)])
         raise text.error(
             f"a file of {names} was expected. Of numbers alone, delete the lines above them and"
@@ -91,14 +87,7 @@ def read_components(path: Path, caller: Caller, *named: str) -> list[Component]:
         components += channels
     if not components:
         raise NotAcceleration(str(text.error("the file holds no accelerations")))
-    names = [component.channel.lower() for component in components]
-    return [
-        # A number stands before an orientation that is there more than once.
-        component._replace(channel=f"{k}: {component.channel}")
-        if names.count(name) > 1
-        else component
-        for k, (name, component) in enumerate(zip(names, components, strict=True), 1)
-    ]
+    return components
 
 
 def read_record(
@@ -122,8 +111,8 @@ def read_record(
 
     Files of networks are recognized by their first lines: ESM and ITACA, COSMOS, CSMIP, GeoNet
     (V1A, V2A), SMC, K-NET and KiK-net, and ``.AT2`` of the PEER databases; and where obspy is
-    installed (``pip install "jaxrock[records]"``) miniSEED and SAC. The number of samples and the
-    peak that such a file states must agree with its samples.
+    installed (``pip install "jaxrock[records]"``) miniSEED and SAC. The number of samples
+    that such a file states must agree with its samples.
 
     Parameters
     ----------

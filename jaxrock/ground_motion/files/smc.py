@@ -7,22 +7,14 @@ described at https://escweb.wr.usgs.gov/nsmp-data/smcfmt.html.
 import re
 
 from ...tables import TextFile
-from .components import (
-    Caller,
-    Component,
-    Direction,
-    NotAcceleration,
-    invert,
-    make_component,
-    require_peak,
-)
+from .components import Caller, Component, Direction, NotAcceleration, invert, make_component
 from .fields import get_line, read_fixed
 
 SMC_TITLE = r"\s*\d +(?:un)?(?:known|corr|velo|disp|resp|four)"
 _COMPONENT = r"component *= *(\S+)"
 # Below 11 lines of text: where they stand among the integers and the reals.
 _INTEGERS, _TILT, _COMMENTS, _POINTS = 11, 12, 15, 16
-_REALS, _RATE, _PEAKS = 17, 1, [29, 31]
+_REALS, _RATE = 17, 1
 _VALUES = 27
 # No number that is there is as large as that for missing ones.
 _MISSING = 1e30
@@ -42,9 +34,6 @@ def read_smc(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], i
             "pairs of time and acceleration have no uniform step: take volume 2", 18
         )
     top = _VALUES + max(int(integers[_COMMENTS]), 0)
-    is_comment = [line.startswith("|") for line in text.lines[_VALUES : top + 1]]
-    if not all(is_comment[:-1]) or is_comment[-1]:
-        raise text.error("the header states another number of comments", _INTEGERS + 2)
     # Some programs write more digits.
     is_long = re.match(r"\s*-?\d\.\d{7}E", get_line(text, top, "the values"), re.I)
     layout = (5, 14) if is_long else (8, 10)
@@ -62,7 +51,4 @@ def read_smc(text: TextFile, caller: Caller, _: int) -> tuple[list[Component], i
         channel=channel[1] if channel else "",
         direction=_TILTS.get(int(integers[_TILT])),
     )
-    # One peak alone may be the smaller of both.
-    peak = max(abs(reals[_PEAKS]))
-    require_peak(text, component.values, f"{peak:.6e}" if peak < _MISSING else "", "cm/s2")
     return [component], end

@@ -1,7 +1,6 @@
 """Suites from folders and lists of files."""
 
 import os
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,12 +12,6 @@ from .components import Component, NotAcceleration, make_caller, make_record
 from .knet import KNET_SUFFIXES
 from .records import StrPath, list_suffixes, read_components
 
-# In these parts the names of a horizontal and of a vertical component of a station may differ.
-_VERTICAL_PART = r"[-_. ]*(up|dwn|ud|v|z|ver)"
-_LEVEL_PARTS = (
-    r"[-_. ]*(\d{3}|[ns]\d\d[ew]|ns|ew)",
-    r"[-_. ]+([a-z]{1,2}|\d{1,2})",
-)
 _BOREHOLE = (".ns1", ".ew1", ".ud1")
 
 
@@ -49,9 +42,8 @@ def read_suite(
     unit, time_step : optional
         As in `read_record`, the same for all files; needed where the files do not state them.
     vertical : bool
-        Whether each record has the vertical component that was recorded with it. It is in
-        the same file, or in another one of the folder whose name differs only in the part
-        for the component, as ``STA-UP.AT2`` and ``STA090.AT2`` do.
+        Whether each record has the vertical component of the same file. Where that is in a
+        file of its own, take `read_record` with its ``vertical``.
 
     Returns
     -------
@@ -83,7 +75,7 @@ def read_suite(
     for path in show_progress(paths, "reading records"):
         try:
             components[path] = read_components(path, caller)
-        except ValueError as error:
+        except (OSError, ValueError) as error:
             is_other = of_folder and isinstance(error, NotAcceleration)
             (left_out if is_other else faults).append(path.name if is_other else str(error))
     for path in [path for path in components if path.suffix.lower() in _BOREHOLE]:
@@ -94,7 +86,7 @@ def read_suite(
     for path, channels in components.items():
         try:
             named += [
-                (name, make_record(level, *_find_vertical(path, components, vertical)))
+                (name, make_record(level, *_find_vertical(path, channels, vertical)))
                 for name, level in _name_records(path, channels)
             ]
         except ValueError as error:
@@ -104,7 +96,7 @@ def read_suite(
     if faults:
         # Two components of one file may have the same fault.
         raise ValueError("\n".join(dict.fromkeys(faults)))
-    source = f"{len(named)} records" if len(named) != 1 else "1 record"
+    source = f"{len(named)} record{'s' * (len(named) != 1)}"
     source += f" of the folder {paths[0].resolve().parent.name!r}" if of_folder else ""
     source += f"; left out: {quote_names(left_out)}" if left_out else ""
     if not named:
@@ -157,31 +149,12 @@ def _name_records(path: Path, channels: list[Component]) -> list[tuple[str, Comp
     return [(path.name if is_knet else path.stem, c) for c in level]
 
 
-def _find_vertical(
-    path: Path, components: dict[Path, list[Component]], wanted: bool
-) -> list[Component]:
-    """Find the only vertical component of the same file, or of one with nearly the same name."""
-    upright = ("up", "down")
-    found = [c for c in components[path] if c.direction in upright]
-    if not found:
-        files = [other for other in components if _is_vertical_of(path.name, other.name)]
-        found = [c for other in files for c in components[other] if c.direction in upright]
+def _find_vertical(path: Path, channels: list[Component], wanted: bool) -> list[Component]:
+    """Find the only vertical component of a file."""
+    found = [c for c in channels if c.direction in ("up", "down")]
     if wanted and len(found) != 1:
         raise NamedFile(path).error(
             f"one vertical component was expected, got {len(found)}: read_record takes any file"
             " as vertical="
         )
     return found if wanted else []
-
-
-def _is_vertical_of(level: str, vertical: str) -> bool:
-    """Return whether the names of two files differ only in the parts for their components."""
-    for part in re.finditer(_VERTICAL_PART, vertical, re.I):
-        begin, end = (
-            re.escape(vertical[k]) for k in (slice(part.start()), slice(part.end(), None))
-        )
-        # Channels of SEED differ in their last letter.
-        level_parts = (*_LEVEL_PARTS, "[ne12xy]" if part[0].lower() == "z" else "(?!)")
-        if any(re.fullmatch(f"{begin}{p}{end}", level, re.I) for p in level_parts):
-            return True
-    return False

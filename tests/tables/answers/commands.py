@@ -85,7 +85,10 @@ def answer_with_files():
 @group("commands/driven", 1e-7)
 def answer_driven():
     pulse = (*SINE, "--amplitude", 2.5)
-    few = ("--frequency", 1, 2, "--amplitude", 3, "--cycles", 5)
+    # 1 and 2 Hz and 3 m/s2: over p, and over the amplitude that just lifts the block.
+    ratio = 2 * np.pi / np.sqrt(0.75 * 9.81 / np.hypot(0.1, 0.5))
+    axes = ("--frequency-ratio", ratio, 2 * ratio, "--amplitude-ratio", 3 / 1.962)
+    few = (*axes, "--cycles", 5)
     samples = ("--samples", 64, "--seed", 1)
     yield from run_all(
         {

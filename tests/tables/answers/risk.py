@@ -116,7 +116,7 @@ def compute_fragility_otherwise():
 
 @group("risk/inventory", 1e-6)
 def assess_objects():
-    """Rates and medians; elasticities and widths are located to less."""
+    """Rates and medians; widths are located to less."""
     uncertain = jr.Uncertain({"restitution": [0.05, 0.0, 0.1]}, samples=4, seed=1)
     objects = Inventory(
         ["vase", "bust", "case"],
@@ -126,9 +126,9 @@ def assess_objects():
         one_sided=[False, False, True],
         floor_period=np.array([0.0, 0.3, 0.0]),
     )
-    table = assess_inventory(objects, make_site(), 1e-4, elasticities=True)
+    table = assess_inventory(objects, make_site(), 1e-4)
     for name, value in list_variables(table):
-        rough = "elasticity" in name or "required_width" in name
+        rough = "required_width" in name
         yield name, value, 1e-3 if rough else 1e-6
     yield "order", table["object"].values
 
