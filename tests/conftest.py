@@ -38,8 +38,8 @@ hypothesis.settings.register_profile(
 )
 hypothesis.settings.load_profile("jaxrock")
 
-LARGEST_FOLDER = 1e9  # bytes of programs that are kept from run to run
-# Bytes of a process, beyond which it drops its programs.
+# Bytes of programs that are kept from run to run, and of a process that then drops its programs.
+LARGEST_FOLDER = 1e9
 LARGEST_AFTER_A_FILE = 0.7e9
 LARGEST_AFTER_A_TEST = 0.9e9
 
@@ -61,8 +61,7 @@ def pytest_configure(config):
     if not hasattr(config, "workerinput"):
         drop_oldest(Path(folder))
     # Registered, since hooks of this file are not called for examples in docstrings.
-    config.pluginmanager.register(OpenPictures())
-    config.pluginmanager.register(Shard())
+    config.pluginmanager.register(Everywhere())
     if config.getoption("--devices") > 1:
         jax.config.update("jax_num_cpu_devices", config.getoption("--devices"))
 
@@ -76,33 +75,34 @@ def choose_folder(config):
     return temporary.name
 
 
-class OpenPictures:
-    """Matplotlib warns of too many that are open."""
+class Everywhere:
+    """Hooks for examples in docstrings, too."""
 
     @staticmethod
     def pytest_runtest_teardown():
+        """Matplotlib warns of too many pictures that are open."""
         if "matplotlib.pyplot" in sys.modules:
             sys.modules["matplotlib.pyplot"].close("all")
-
-
-class Shard:
-    """Every N-th of the files with tests that markers have not left out: files share programs."""
 
     @staticmethod
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(config, items):
+        """Every N-th of the files with tests that are left: files share programs."""
         shard, shards = map(int, config.getoption("--shard").split("/"))
         files = sorted({item.path for item in items})[shard - 1 :: shards]
-        config.hook.pytest_deselected(items=[item for item in items if item.path not in files])
-        items[:] = [item for item in items if item.path in files]
+        leave_out(config, items, [item for item in items if item.path not in files])
+
+
+def leave_out(config, items, left_out):
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in left_out]
 
 
 def drop_oldest(folder):
     """Of the programs, so that the folder stays below its bound."""
     files = [(path.stat(), path) for path in folder.iterdir()]
-    files.sort(key=lambda file: file[0].st_mtime)
     excess = sum(status.st_size for status, _ in files) - LARGEST_FOLDER
-    for status, path in files:
+    for status, path in sorted(files, key=lambda file: file[0].st_mtime):
         if excess <= 0:
             break
         path.unlink()
@@ -114,14 +114,10 @@ def pytest_collection_modifyitems(config, items):
     for item in items:  # notebooks, and the examples in docstrings
         if item.path.suffix == ".ipynb" or isinstance(item, pytest.DoctestItem):
             item.add_marker("thorough")
-    marks = set()
-    if config.getoption("--precision") == "32":
-        marks.add("float64")
+    marks = {"float64"} if config.getoption("--precision") == "32" else set()
     if "optimization_level=0" in os.environ["XLA_FLAGS"]:
         marks.add("optimized")
-    left_out = [item for item in items if any(map(item.get_closest_marker, marks))]
-    config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if item not in left_out]
+    leave_out(config, items, [i for i in items if any(map(i.get_closest_marker, marks))])
 
 
 @pytest.fixture
@@ -133,17 +129,11 @@ def eps():
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item, nextitem):
     """Let go of the programs that a file has used, or a single test, before there are too many."""
-    new_file = nextitem is None or nextitem.path != item.path
-    if size_of_process() > (LARGEST_AFTER_A_FILE if new_file else LARGEST_AFTER_A_TEST):
+    status = Path("/proc/self/statm")  # of Linux alone
+    pages = int(status.read_text(encoding="ascii").split()[1]) if status.exists() else 0
+    is_last = nextitem is None or nextitem.path != item.path
+    largest = LARGEST_AFTER_A_FILE if is_last else LARGEST_AFTER_A_TEST
+    if pages and pages * os.sysconf("SC_PAGE_SIZE") > largest:
         jax.clear_caches()
         gc.collect()
         ctypes.CDLL(None).malloc_trim(0)  # else what is free stays with the process
-
-
-def size_of_process():
-    """Bytes in memory; 0 where the system is not Linux, and nothing is let go of."""
-    try:
-        pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
-    except OSError:
-        return 0
-    return int(pages) * os.sysconf("SC_PAGE_SIZE")

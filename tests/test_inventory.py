@@ -87,7 +87,6 @@ REFUSED = [
     (f"{HEAD}\na,-1,2,,\nc,,2,,\n", ("line 2", "'-1'", "line 3", "''")),
     (f"{HEAD}\na,1,2,1.1,\n", ("line 2", "between -1 and 1", "'1.1'")),
     (f"{HEAD}\na,1,2,,-1\n", ("line 2", "at least 0", "'-1'")),
-    (f"{HEAD}\na,40,160,,\n", ("line 2", "'40'", "at most 30 m")),
     (f"{HEAD}\na,1,2,,\na,1,2,,\n", ("names must differ", "'a'")),
     (f"{HEAD}\na,3,.3,,\n", ("line 2", "exchanged?", "must be given")),
     (f"{HEAD}\nb,1,2,-.5,\n", ("line 2", "restitution of at least 0")),

@@ -13,18 +13,14 @@ BLOCK = jr.Block(0.1, 5.0)
 SINE = jr.Sine(3.0, 0.5)
 
 
-@pytest.mark.parametrize(
-    ("value", "pieces"),
-    [
+def test_a_number_or_the_range_of_an_array_and_its_unit():
+    for value, pieces in (
         (0.25, ["0.25 m"]),
         (np.array([2.0, 1.0, np.nan]), ["1 to 2 m", "NaN", "1 of 3"]),
-        (np.array([1.0, 1.0]), ["1 m"]),
         (np.full(2, np.nan), ["none of 2"]),
         (np.array([True, False]), ["1 of 2"]),
-    ],
-)
-def test_a_number_or_the_range_of_an_array_and_its_unit(value, pieces):
-    assert all(piece in format_number(value, "m") for piece in pieces)
+    ):
+        assert all(piece in format_number(value, "m") for piece in pieces)
 
 
 @pytest.mark.parametrize(
@@ -32,29 +28,22 @@ def test_a_number_or_the_range_of_an_array_and_its_unit(value, pieces):
     [
         (lambda c: jr.Scene(BLOCK, c, 0.1), ["half-width 0.1 m", "9.81 m/s2", "0.1 m/s"]),
         (lambda c: jr.Record(c * jnp.array([0.0, 1.0]), 0.1), ["2 samples", "0.1 s"]),
-        (lambda c: jr.respond_batch(BLOCK, c, SINE), ["overturned", "no"]),
     ],
 )
-def test_arguments_and_answers_print_their_numbers_with_units(make, pieces):
+def test_arguments_print_their_numbers_with_units(make, pieces):
     c = jnp.asarray(0.7)
-    text = str(make(c))
+    text = repr(make(c))
     assert [piece for piece in pieces if piece not in text] == []
-    assert repr(make(c)) == text
     traced = []
     jax.eval_shape(lambda c: traced.append(str(make(c))), c)
     assert "traced" in traced[0]
 
 
-def test_what_is_no_quantity_prints_without_units():
-    """Derivatives, some of which are numbers that a scene may have, and numbers out of range."""
-    scene = jr.Scene(BLOCK, 0.8, 0.1)
-    for answer in (jr.rotation_ratio, jr.overturning_margin, jr.launch_velocity):
-        text = str(jax.grad(answer)(scene))
-        assert text.startswith("derivatives, or numbers out of range:\nhalf width")
-        assert "m/s2" not in text
-    turned = eqx.tree_at(lambda s: s.restitution, scene, jnp.asarray(1.4))
-    assert "out of range" in str(turned)
-    assert "restitution 1.4" in str(turned)
+def test_derivatives_print_without_units():
+    """Some of them are numbers that a scene may have."""
+    text = str(jax.grad(jr.overturning_margin)(jr.Scene(BLOCK, 0.8, 0.1)))
+    assert text.startswith("derivatives, or numbers out of range:\nhalf width")
+    assert "m/s2" not in text
 
 
 def test_a_status_is_printed_where_something_ran_out():
@@ -62,4 +51,3 @@ def test_a_status_is_printed_where_something_ran_out():
     assert jr.Status(2).description not in str(response)
     stopped = eqx.tree_at(lambda response: response.status, response, jnp.array([0, 2, 3]))
     assert f"{jr.Status(2).description}: 1 of 3" in str(stopped)
-    assert len({status.description for status in jr.Status} - {""}) == len(jr.Status)

@@ -1,22 +1,21 @@
 """Critical pulses by the hundred thousand, beside a loop over SciPy's brentq.
 
-``python tests/benchmarks/critical.py``: on the closed-form kinds the intensity that just
-overturns in five half-cycles, in driven motion every critical amplitude of half-sine pulses
-in ratios from 1 to 10, where brentq looks for one in a bracket that it is given.
+``python tests/benchmarks/critical.py``: the intensity that just overturns in five half-cycles,
+in closed form, and in driven motion every critical amplitude of half-sine pulses in ratios from
+1 to 10, where brentq looks for one in a bracket that it is given.
 """
 
 import math
-import sys
 import time
-from pathlib import Path
 
 import jax
+
+jax.config.update("jax_enable_x64", True)
+
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
-from references import stepping
+from timing import measure
 
 import jaxrock as jr
 
@@ -25,17 +24,8 @@ FEW = 20
 GRAVITY = 9.81
 
 
-def median(function, times=25):
-    function()
-    taken = []
-    for _ in range(times):
-        begin = time.perf_counter()
-        jax.block_until_ready(function())
-        taken.append(time.perf_counter() - begin)
-    return float(np.median(taken))
-
-
-def closed_form_by_brentq(b, slenderness, c, count, linearized):
+def solve_closed_form(b, slenderness, c, count, linearized):
+    """The intensity at which a loop over half-cycles reaches the critical velocity."""
     angle = math.atan(1 / slenderness)
     p = math.sqrt(0.75 * GRAVITY / (b * math.hypot(1, slenderness)))
     critical = p * angle if linearized else 2 * p * math.sin(angle / 2)
@@ -50,91 +40,61 @@ def closed_form_by_brentq(b, slenderness, c, count, linearized):
     return brentq(excess, 0, 100, xtol=1e-14)
 
 
-def driven_by_brentq(b, slenderness, c, duration, bracket, watched):
-    """Watching for impacts or not: none comes before a half-sine pulse overturns a block."""
+def solve_driven(b, slenderness, duration, bracket):
+    """The amplitude that leaves no energy to the barrier; no impact comes before."""
     angle = math.atan(1 / slenderness)
     square = 0.75 * GRAVITY / (b * math.hypot(1, slenderness))
-    rocker = stepping.Rocker(b, slenderness, c)
 
     def margin(amplitude):
-        t = math.asin(GRAVITY / slenderness / amplitude) / math.pi * duration
-        y = [0.0, 0.0]
-        side = 1
-        while True:
+        def field(t, y):
+            push = amplitude * math.sin(math.pi * t / duration) / GRAVITY
+            return [y[1], square * (push * math.cos(angle - y[0]) - math.sin(angle - y[0]))]
 
-            def field(t, y, side=side):
-                push = amplitude * math.sin(math.pi * t / duration)
-                q = angle * side - y[0]
-                return [y[1], square * (push / GRAVITY * math.cos(q) - math.sin(q))]
-
-            def landing(t, y, side=side):
-                return side * y[0] + 1e-15
-
-            landing.terminal = True
-            landing.direction = -1
-            end = solve_ivp(
-                field, (t, duration), y, "DOP853", rtol=1e-10, atol=1e-13,
-                events=landing if watched else None,
-            )  # fmt: skip
-            if not (watched and end.t_events[0].size):
-                return rocker.margin(*end.y[:, -1], side)
-            t = end.t[-1]
-            y = [0.0, c * end.y[1, -1]]
-            side = -side
+        uplift = math.asin(GRAVITY / slenderness / amplitude) / math.pi * duration
+        span = (uplift, duration)
+        end = solve_ivp(field, span, [0.0, 0.0], "DOP853", rtol=1e-10, atol=1e-13)
+        rotation, velocity = end.y[:, -1]
+        return 4 * square * math.sin((angle - rotation) / 2) ** 2 - velocity**2
 
     return brentq(margin, *bracket, xtol=1e-10)
 
 
+def print_row(name, seconds, found, solve, indices):
+    """Print the time of jaxrock, and that of brentq for as many, from a few."""
+    begin = time.perf_counter()
+    others = np.array([solve(k) for k in indices])
+    theirs = (time.perf_counter() - begin) / len(indices) * NUMBER
+    error = np.abs(found[indices] / others - 1).max()
+    print(f"{name:34}{seconds:10.4g} s{theirs:10.4g} s{theirs / seconds:10.0f}{error:10.1e}")
+
+
 def main():
-    jax.config.update("jax_enable_x64", True)
-    rng = np.random.default_rng(0)
-    b = rng.uniform(0.1, 1, NUMBER)
-    slenderness = rng.uniform(3, 8, NUMBER)
-    c = rng.uniform(0.5, 0.95, NUMBER)
-    duration = rng.uniform(0.3, 1.0, NUMBER)
+    """Print the table."""
+    random = np.random.default_rng(0)
+    ranges = ((0.1, 1), (3, 8), (0.5, 0.95), (0.3, 1.0))
+    b, slenderness, c, duration = (random.uniform(*ends, NUMBER) for ends in ranges)
     block = jr.Block(b, slenderness)
     print(f"{'':34}{'jaxrock':>12}{'brentq':>12}{'ratio':>10}{'agree to':>10}")
-
-    def row(name, ours, theirs, error):
-        print(f"{name:34}{ours:10.4g} s{theirs:10.4g} s{theirs / ours:10.0f}{error:10.1e}")
-
     for model in (jr.Linearized(), jr.Nonlinear()):
-        found = np.asarray(jr.critical_intensity(block, c, 5.0, model))
         compiled = jax.jit(lambda *at, model=model: jr.critical_intensity(*at, 5.0, model))
-        ours = median(lambda compiled=compiled: compiled(block, c))
-        begin = time.perf_counter()
-        few = 50 * FEW
-        others = [
-            closed_form_by_brentq(b[k], slenderness[k], c[k], 5, model == jr.Linearized())
-            for k in range(few)
-        ]
-        theirs = (time.perf_counter() - begin) / few * NUMBER
-        row(f"intensity, {model}", ours, theirs, np.abs(found[:few] / others - 1).max())
 
-    def driven():
-        return jr.critical_amplitude(block, c, jr.HalfSine, duration)
+        def solve(k, linearized=model.name == "linearized"):
+            return solve_closed_form(b[k], slenderness[k], c[k], 5, linearized)
 
-    found = driven()
-    ours = median(driven, 3)
-    edge = np.asarray(found.value[:, 0])
-    single = np.flatnonzero(np.asarray(found.impacts[:, 0]) == 0)[:FEW]
-    for name, watched in (("", False), (" with events", True)):
-        begin = time.perf_counter()
-        others = [
-            driven_by_brentq(
-                b[k],
-                slenderness[k],
-                c[k],
-                duration[k],
-                (0.9 * edge[k], 1.1 * edge[k]),
-                watched,
-            )
-            for k in single
-        ]
-        theirs = (time.perf_counter() - begin) / FEW * NUMBER
-        error = np.abs(edge[single] / others - 1).max()
-        row(f"half-sine amplitude, SciPy{name}", ours, theirs, error)
-    count = np.asarray(found.count)
+        seconds = measure(lambda compiled=compiled: compiled(block, c))
+        found = np.asarray(compiled(block, c))
+        print_row(f"intensity, {model.name}", seconds, found, solve, range(50 * FEW))
+    boundaries = jr.critical_amplitude(block, c, jr.HalfSine, duration)
+    seconds = measure(lambda: jr.critical_amplitude(block, c, jr.HalfSine, duration).value, 3)
+    found = np.asarray(boundaries.value[:, 0])
+    without_impact = np.flatnonzero(np.asarray(boundaries.impacts[:, 0]) == 0)[:FEW]
+
+    def solve(k):
+        bracket = 0.9 * found[k], 1.1 * found[k]
+        return solve_driven(b[k], slenderness[k], duration[k], bracket)
+
+    print_row("half-sine amplitude, SciPy", seconds, found, solve, without_impact)
+    count = np.asarray(boundaries.count)
     print(f"{count.sum()} boundaries of {NUMBER} blocks, at most {count.max()} of one")
 
 

@@ -2,10 +2,8 @@
 
 Run as ``python tests/benchmarks/default_run.py``, in an environment with what the tests need. It
 measures the processor time of two commands, imports included, with no program compiled before:
-
-- a first ``respond_batch`` of 1,000 blocks under the example record, as users compile it (five
-  processes, of which the median counts);
-- ``pytest -n auto``, the second command of the README; the largest process is printed too.
+a first ``respond_batch`` of 1,000 blocks under the example record, as users compile it (the median
+of five processes), and ``pytest -n auto``, of which the largest process is printed too.
 """
 
 import os
@@ -16,8 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-BAR = 150
+BAR = 100
 FIRST_ANSWER = """
 import jax, numpy
 jax.config.update("jax_enable_x64", True)
@@ -28,27 +25,27 @@ jr.respond_batch(blocks, 0.9, jr.example_record()).peak_rotation.block_until_rea
 """
 
 
-def measure_processor_time(command, **variables):
-    """Processor time of a command with all its processes [s], and its exit code."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    environment = {key: value for key, value in os.environ.items() if key != "XLA_FLAGS"}
-    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-    code = subprocess.run(command, cwd=ROOT, env=environment | variables).returncode
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, code
+def measure_processor_time(*arguments):
+    """Processor time of Python with all its processes [s], and its exit code."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    before = usage.ru_utime + usage.ru_stime
+    environment = dict(os.environ)
+    for name in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR"):
+        environment.pop(name, None)
+    root = Path(__file__).parents[2]
+    code = subprocess.run([sys.executable, *arguments], cwd=root, env=environment).returncode
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime - before, code
 
 
 def main():
-    first = statistics.median(
-        measure_processor_time([sys.executable, "-c", FIRST_ANSWER])[0] for _ in range(5)
-    )
+    first = statistics.median(measure_processor_time("-c", FIRST_ANSWER)[0] for _ in range(5))
     print(
         f"a first respond_batch of 1,000 blocks: {first:.2f} s of processor time", flush=True
     )
     with tempfile.TemporaryDirectory() as folder:
-        tests, code = measure_processor_time(
-            [sys.executable, "-m", "pytest", "-q", "-n", "auto", "-o", f"cache_dir={folder}"]
-        )
+        pytest = ("-m", "pytest", "-q", "-n", "auto", "-o", f"cache_dir={folder}")
+        tests, code = measure_processor_time(*pytest)
     largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6  # from kilobytes
     print(f"the default tests: {tests:.0f} s, {tests / first:.0f} times as much (bar {BAR})")
     print(f"the largest process: {largest:.2f} GB (bar 1.5)")

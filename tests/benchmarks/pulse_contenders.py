@@ -13,21 +13,16 @@ import numpy as np
 
 
 @functools.cache
-def _loop():
+def _compile_loop():
     import numba
 
     @numba.njit(fastmath=True, inline="always")
-    def value(c, time):
-        total = c[-1]
-        for k in range(len(c) - 2, -1, -1):
-            total = total * time + c[k]
-        return total
-
-    @numba.njit(fastmath=True, inline="always")
-    def slope(c, time):
-        total = (len(c) - 1) * c[-1]
-        for k in range(len(c) - 2, 0, -1):
-            total = total * time + k * c[k]
+    def evaluate(c, time, order):
+        """Value of a derivative, of order 0, 1 or 2."""
+        total = 0.0
+        for k in range(len(c) - 1, order - 1, -1):
+            factor = 1 if order == 0 else k if order == 1 else k * (k - 1)
+            total = total * time + factor * c[k]
         return total
 
     @numba.njit(fastmath=True)
@@ -51,18 +46,12 @@ def _loop():
             c[k + 2] = p2 * total / ((k + 1) * (k + 2))
 
     @numba.njit(fastmath=True)
-    def root(c, low, high, falling):
-        """Where the rotation falls through zero, or its rate does, in a bracket."""
+    def find_root(c, low, high, order):
+        """Where the rotation (order 0) or its rate (1) falls through zero, in a bracket."""
         time = 0.5 * (low + high)
         for _ in range(60):
-            if falling:
-                f = value(c, time)
-                d = slope(c, time)
-            else:
-                f = slope(c, time)
-                d = 0.0
-                for k in range(len(c) - 1, 1, -1):
-                    d = d * time + k * (k - 1) * c[k]
+            f = evaluate(c, time, order)
+            d = evaluate(c, time, order + 1)
             if f < 0:
                 high = time
             else:
@@ -79,15 +68,10 @@ def _loop():
     def run(p2, tilt, restitution, level, rate, length, end, order, tolerance):
         peaks = np.zeros(len(p2))
         for i in numba.prange(len(p2)):
-            c = np.zeros(order + 1)
-            sine = np.zeros(order + 1)
-            cosine = np.zeros(order + 1)
-            u = np.zeros(order + 1)
+            c, sine, cosine, u = np.zeros((4, order + 1))
             time = math.asin(math.tan(tilt[i]) / level[i]) / rate
-            x = 0.0
-            v = 0.0
+            x = v = 0.0
             side = 1.0
-            peak = 0.0
             while time < end and x < math.pi / 2:
                 acts = time < length
                 u[0] = side * level[i] * math.sin(rate * time) if acts else 0.0
@@ -102,26 +86,24 @@ def _loop():
                 stop = step
                 lands = False
                 for k in range(1, 5):  # a dip between two of these times goes unseen
-                    if value(c, k * step / 4) < 0:
-                        before = (k - 1) * step / 4
-                        if x == 0 and k == 1:
-                            before = 1e-9 * step
-                        stop = root(c, before, k * step / 4, True)
+                    if evaluate(c, k * step / 4, 0) < 0:
+                        before = 1e-9 * step if x == 0 and k == 1 else (k - 1) * step / 4
+                        stop = find_root(c, before, k * step / 4, 0)
                         lands = True
                         break
-                if v >= 0 and slope(c, stop) < 0:
-                    peak = max(peak, value(c, root(c, 0.0, stop, False)))
-                x = value(c, stop)
-                v = slope(c, stop)
+                if v >= 0 and evaluate(c, stop, 1) < 0:
+                    top = evaluate(c, find_root(c, 0.0, stop, 1), 0)
+                    peaks[i] = max(peaks[i], top)
+                x = evaluate(c, stop, 0)
+                v = evaluate(c, stop, 1)
                 time = time + stop
-                peak = max(peak, x)
+                peaks[i] = max(peaks[i], x)
                 if lands:
                     x = 0.0
                     v = -restitution[i] * v
                     side = -side
                     if not acts and v * v < 1e-16 * p2[i] * tilt[i] ** 2:
                         break
-            peaks[i] = peak
         return peaks
 
     return run
@@ -129,42 +111,42 @@ def _loop():
 
 def numba_taylor(p, angle, restitution, level, length, end, order=12, tolerance=1e-11):
     """Peaks of blocks under one sine of amplitude `level` in units of g, from rest."""
-    return _loop()(
-        p**2, angle, restitution, level, 2 * math.pi / length, length, end, order, tolerance
+    rate = 2 * math.pi / length
+    return _compile_loop()(
+        p**2, angle, restitution, level, rate, length, end, order, tolerance
     )
 
 
 @functools.cache
-def _integrator(tolerance):
+def _make_integrator(tolerance):
     import heyoka as hy
 
     x, v = hy.make_vars("x", "v")
     push = hy.par[2] * hy.sin(hy.par[3] * hy.time)
-    kept = np.ones(4)  # restitution of each lane
+    restitution = np.ones(4)
     acceleration = hy.par[0] * (push * hy.cos(hy.par[1] - x) - hy.sin(hy.par[1] - x))
 
     def impact(integrator, sign, lane):
         del sign
         integrator.state[0, lane] = 0.0
-        integrator.state[1, lane] *= -kept[lane]
+        integrator.state[1, lane] *= -restitution[lane]
         integrator.pars[2, lane] *= -1
         return True
 
     falling = hy.event_direction.negative
-    event = hy.t_event_batch(x, callback=impact, direction=falling)
     integrator = hy.taylor_adaptive_batch(
         [(x, v), (v, acceleration)],
         state=np.zeros((2, 4)),
         pars=np.ones((4, 4)),
-        t_events=[event],
+        t_events=[hy.t_event_batch(x, callback=impact, direction=falling)],
         tol=tolerance,
     )
-    return integrator, kept
+    return integrator, restitution
 
 
 def heyoka_batch(p, angle, restitution, level, length, end, tolerance=1e-9):
     """Final rotations, a multiple of four blocks; it knows no peaks."""
-    integrator, kept = _integrator(tolerance)
+    integrator, restitutions = _make_integrator(tolerance)
     rate = 2 * math.pi / length
     lifted = np.arcsin(np.tan(angle) / level) / rate
     begun = 1e-5  # after uplift; on the ground the event would fire at once
@@ -173,10 +155,9 @@ def heyoka_batch(p, angle, restitution, level, length, end, tolerance=1e-9):
     for k in range(0, len(p), 4):
         four = slice(k, k + 4)
         integrator.set_time(list(lifted[four] + begun))
-        integrator.state[0] = jerk[four] * begun**3 / 6
-        integrator.state[1] = jerk[four] * begun**2 / 2
+        integrator.state[:] = jerk[four] * begun**3 / 6, jerk[four] * begun**2 / 2
         integrator.pars[:] = p[four] ** 2, angle[four], level[four], [rate] * 4
-        kept[:] = restitution[four]
+        restitutions[:] = restitution[four]
         integrator.propagate_until([length] * 4)
         integrator.pars[2] = 0.0
         integrator.propagate_until([end] * 4)

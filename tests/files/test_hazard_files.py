@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tools.refused_files import check_refusal
 
 import jaxrock as jr
 
@@ -74,73 +73,29 @@ def test_what_is_read(write, content, options, factor, curve, words):
 
 HEAD = "pga [g],rate [1/yr]"
 ROWS = "\n1,2\n2,1\n"
-# Contents, arguments, and what the error says after the name of the file.
+# Contents, arguments, and what the error says after the name of the file, one of each kind.
 REFUSED = [
     ("<?xml?>\n<nrml/>", {}, ".* 'pga .g.' .* 'rate .1/yr.'.* got '<.xml"),
     (f"level [g],rate [1/yr]{ROWS}", {}, ", line 1: measure must be given, .* 'level"),
-    (
-        f"pgv,rate [1/yr]{ROWS}",
-        {},
-        ", line 1: unit must be given for 'pgv', such as 'cm/s', got none",
-    ),
-    (
-        HEAD + ROWS,
-        {"unit": "m/s2"},
-        ", line 1: unit must be given for 'pga .g.', .* got 'm/s2'",
-    ),
+    (f"pgv,rate [1/yr]{ROWS}", {}, ", line 1: unit must be given for 'pgv'"),
+    (HEAD + ROWS, {"unit": "m/s2"}, ", line 1: unit must be .* got 'm/s2'"),
     (HEAD + ROWS, PGV, ", line 1: one column of levels of pgv, .* got 'pga"),
-    (
-        f"{HEAD},pgv [m/s]\n1,2,1\n2,1,1\n",
-        {},
-        ", line 1: one column of levels of pga or pgv, .* got 'pga",
-    ),
-    (f"{HEAD},TR [yr]\n1,2,1\n2,1,1\n", {}, ", line 1: .* one of rates, .* 'TR .yr.'"),
-    (f"pga [g],poe in 0 years{ROWS}", {}, ", line 1: .* 'probability in 50 years"),
     (f"pga [g],poe in 50 days{ROWS}", {}, ", line 1: .* 'probability in 50 years"),
-    (f"pga [g],poe in 50 years{ROWS}", {}, ", line 1: .* or .-. for a fraction"),
     (HEAD + ROWS, {"site": (1, 2)}, ": site goes with a table of several"),
     ("pga [g],poe in 9 years [%]\n1,110\n2,1\n", {}, ", line 2: column 'poe in .* got '110'"),
     (f"{HEAD}\n3,1\n2,.1\n1,2\n", {}, ": rates must not rise with the level, got 1 after 0.1"),
-    (f"{HEAD}\n.8,.1\n.5,.2\n.9,0\n", {}, ": levels must increase, got 4.9\\d* after"),
-    ("pga [g],poe in 9 years [-]\n1,.1\n2,1\n3,.1\n", {}, ": rates must be finite and"),
     (f"{HEAD}\n0.1,2.345E-02\n0.2,1.345E-0", {}, ": rates must not rise"),
     (SITES, {}, ": site must be .* one of its 2 curves, .* -122.4 37.75, .* got none"),
-    (SITES, {"site": (1, 2)}, ": site must be .* got 1 2"),
     (OPENQUAKE, PGV, ": the first line states pga mean, another one is given"),
-    (
-        OPENQUAKE,
-        {"statistic": "max"},
-        ": the first line states pga mean, another one is given",
-    ),
-    (OPENQUAKE, {"unit": "m/s2"}, ": unit is 'm/s2', but pga is in g"),
     (OPENQUAKE.replace("mean", "std"), {}, ": its first line must .* no standard deviation"),
-    (
-        OPENQUAKE.replace("PGA", "SA(0.3)"),
-        {},
-        ": its first line must .* imt of PGA or PGV, .* 'sa.0.3.'",
-    ),
-    (
-        OPENQUAKE.replace("=50.0", "=0"),
-        {},
-        ": its first line must state an investigation_time",
-    ),
-    (OPENQUAKE.replace("8.123456E-01", "none"), {}, ", line 3: column 'poe-0.0137.*none'"),
-    (
-        OPENQUAKE.replace("8.123456E-01", "1.1"),
-        {},
-        ", line 3: probabilities must be between 0 and 1",
-    ),
-    (OPENQUAKE.replace("poe-0.0137000", "0.2~PGA"), {}, ", line 2: .* poe-0.1, got '0.2~pga'"),
+    (OPENQUAKE.replace("PGA", "SA(0.3)"), {}, ": its first line must .* 'sa.0.3.'"),
+    (HEAD + ROWS, {"unit": "knots"}, None),
 ]
 
 
 @pytest.mark.parametrize(("content", "options", "message"), REFUSED)
 def test_what_is_refused(write, content, options, message):
-    check_refusal(write(content), message, jr.risk.read_hazard, **options)
-
-
-def test_arguments_that_are_refused(write):
-    path = write(f"{HEAD}\n1,.1\n2,0\n")
-    for name, value in (("measure", "pgv_ratio"), ("unit", "knots"), ("unit", "m")):
-        with pytest.raises(ValueError, match=f"^{name} must be one .* got '{value}'"):
-            jr.risk.read_hazard(path, **{name: value})
+    pattern = rf"^'[^']*a\.csv'{message}" if message else "^unit must be one .* got 'knots'"
+    with pytest.raises(ValueError, match=pattern) as error:
+        jr.risk.read_hazard(write(content), **options)
+    assert "\n" not in str(error.value)

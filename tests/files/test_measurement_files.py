@@ -21,10 +21,9 @@ IMPACTS = [
 ]
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
 @pytest.mark.parametrize(("content", "times", "peaks"), IMPACTS)
-def test_impact_times_are_read(write, content, times, peaks, encoding):
-    found = read_impact_times(write(content, encoding=encoding))
+def test_impact_times_are_read(write, content, times, peaks):
+    found = read_impact_times(write(content))
     np.testing.assert_allclose(found[0], times, rtol=1e-15)
     assert (found[1] is None) == (peaks is None)
     if peaks is not None:
@@ -65,20 +64,13 @@ def test_a_table_of_tests_is_read(folder, write):
     assert tests.overturned.tolist() == [False, True, False, True, False]
     assert tests.groups == ("Kobe",) * 3 + ("Izmit",) * 2
     assert str(tests).startswith("5 tests in 2 groups: 2 overturned, 3 stood\n")
-    few = read_tests(
-        str(write(f"overturned,remark,file\n1,x,a.csv\n0,,{folder}/a.csv\n", "t.csv"))
-    )
-    assert few.suite.names == ("a", "a 2")
-    assert few.groups is None
 
 
 HEAD = "file,unit,time step [s],scale,overturned,group,remark,name\n"
 # What is read, and what the error must contain. How all tables are read is tested elsewhere.
 REFUSED = [
-    (read_impact_times, "0.5\n0.9\n", ("line 1", "time [s]", "'0.5'")),
     (read_impact_times, "t [s],peak [rad]\n0.5,9.1\n", ("line 2", "must be between", "'9.1'")),
     (read_impact_times, "time [s]\n0\n1\n1\n", ("line 4", "times must increase")),
-    (read_tests, f"{HEAD}a.csv,,0,,1,,,", ("line 2", "greater than 0", "'0'")),
     (read_tests, f"{HEAD}a.csv,,,0,1,,,", ("line 2", "not 0", "'0'")),
     (read_tests, f"{HEAD}a.csv,,,,yes,,,x\na.csv,,,,no,,,x", ("different names", "'x'")),
     (

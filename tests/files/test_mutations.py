@@ -125,8 +125,7 @@ def compare_levels(hazard, text):
         if name.startswith("probability in"):
             rates = -np.log1p(-table.numbers(name)) / float(name.split()[2])
     order = [k for k in np.argsort(levels) if 0 < rates[k] < np.inf]
-    yield hazard.levels, levels[order]
-    yield hazard.rates, rates[order]
+    yield [hazard.levels, hazard.rates], [levels[order], rates[order]]
 
 
 def compare_sites(hazard, text):
@@ -137,8 +136,7 @@ def compare_sites(hazard, text):
     if years := re.search(r"investigation_time=([\d.]+)", text):
         rates = -np.log1p(-rates) / float(years[1])
     known = (rates > 0) & (rates < np.inf)
-    yield hazard.levels, levels[known]
-    yield hazard.rates, rates[known]
+    yield [hazard.levels, hazard.rates], [levels[known], rates[known]]
 
 
 def compare_objects(found, text):

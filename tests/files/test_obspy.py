@@ -40,10 +40,9 @@ def pack(kind, *traces):
     return buffer.getvalue()
 
 
-# By its beginning where its name says nothing.
-@pytest.mark.parametrize("name", ["a.mseed", "a.bin"])
-def test_miniseed(write, name):
-    path = write(pack("MSEED", *map(make_trace, GALS)), name)
+def test_miniseed(write):
+    # By its beginning, where its name says nothing.
+    path = write(pack("MSEED", *map(make_trace, GALS)), "a.bin")
     record = jr.read_record(path, unit="gal", column="HNN", vertical="up")
     np.testing.assert_allclose(record.acceleration, GALS["HNN"] / 100, rtol=1e-14)
     np.testing.assert_allclose(record.vertical, GALS["HNZ"] / 100, rtol=1e-14)
@@ -57,7 +56,7 @@ def test_sac(write):
     np.testing.assert_allclose(record.acceleration, GALS["HNE"] / 100, rtol=1e-14)
     assert float(record.time_step) == pytest.approx(0.005, rel=1e-7)
     # A miniSEED file that is cut is a shorter one to obspy.
-    for size in np.random.default_rng(1).integers(1, len(content), 40).tolist():
+    for size in np.random.default_rng(1).integers(1, len(content), 12).tolist():
         with pytest.raises(ValueError, match=r"a\.sac"):
             jr.read_record(write(content[:size], "a.sac"), unit="cm/s2")
 
@@ -65,7 +64,6 @@ def test_sac(write):
 REFUSED = {
     "give unit": ([make_trace()], {"unit": None}),
     "column must be given.*'HNE', 'HNN'": ([make_trace(), make_trace("HNN")], {}),
-    "time_step is 0.01 s": ([make_trace()], {"time_step": 0.01}),
     "counts of an instrument": ([make_trace(data=np.arange(9, dtype=np.int32))], {}),
     "in pieces": ([make_trace(), make_trace(start=9.0)], {}),
     "starts 1 s apart": ([make_trace(), make_trace("HNN", start=1.0)], {}),
@@ -91,29 +89,22 @@ def test_traces():
     record = from_obspy(big_endian, unit="g", vertical=counts)
     np.testing.assert_allclose(record.acceleration, [1.5 * G, -2 * G])
     np.testing.assert_allclose(record.vertical, [3 * G, 4 * G])
-    of_gmprocess = trace(np.array([3, 4]), standard={"units": "cm/s^2"})
-    np.testing.assert_allclose(from_obspy(of_gmprocess, unit="gal").acceleration, [0.03, 0.04])
+    by_gmprocess = trace(np.array([3, 4]), standard={"units": "cm/s^2"})
+    np.testing.assert_allclose(from_obspy(by_gmprocess, unit="gal").acceleration, [0.03, 0.04])
     for calibrated, factor in ((False, 2.4e-6), (True, 1.0)):
         counts = trace(np.array([35.31, -20]), calib=2.4e-6)
         record = from_obspy(counts, unit="m/s2", calibrated=calibrated)
         np.testing.assert_allclose(record.acceleration, factor * counts.data)
-
-
-WRONG = [
-    ([trace(np.ones(2))], "must be one trace"),
-    (trace(np.ones(2), standard={"units": "g"}), "states 'g'"),
-    (trace(np.ones(2), calib=2.0), "calibrated must be given"),
-    (trace(np.ma.array([1.0, 2, 3], mask=[0, 1, 0])), "without gaps"),
-    (trace(np.ones((2, 2))), "without gaps"),
-    (trace(np.ones(2), starttime=7), "vertical starts at 8, but trace at 7"),
-]
-
-
-@pytest.mark.parametrize(("wrong", "part"), WRONG)
-def test_traces_that_are_refused(wrong, part):
     later = trace(np.ones(2), starttime=8)
-    with pytest.raises(ValueError, match=part):
-        from_obspy(wrong, unit="gal", vertical=later if "vertical" in part else None)
+    for wrong, part in (
+        ([trace(np.ones(2))], "must be one trace"),
+        (trace(np.ones(2), standard={"units": "g"}), "states 'g'"),
+        (trace(np.ones(2), calib=2.0), "calibrated must be given"),
+        (trace(np.ma.array([1.0, 2, 3], mask=[0, 1, 0])), "without gaps"),
+        (trace(np.ones(2), starttime=7), "vertical starts at 8, but trace at 7"),
+    ):
+        with pytest.raises(ValueError, match=part):
+            from_obspy(wrong, unit="gal", vertical=later if "vertical" in part else None)
 
 
 def test_without_obspy(write, monkeypatch):

@@ -1,8 +1,6 @@
 """Records in tables: what a head states is read, what it does not state is asked for."""
 
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -32,20 +30,16 @@ TABLES = [
     (rows("# made\nTime (s),A_X [mg]", VALUES), {"time_step": 0.01}, G / 1000),
     (rows("t [ms]\tacc-ns [m/s2]", VALUES, step=10, separator="\t"), {}, 1),
     (re.sub(r"(?m)^(0.*)$", r"\1;", SHEET.replace(".", ",")), {}, 0.01),
-    (rows("sep=;\nt [s];north [cm/s/s]", VALUES, separator=";"), {}, 0.01),
     (rows("time [s],acc,note", VALUES, VALUES), {"unit": "gal"}, 0.01),
     (rows("t,acc 270 [%g]", VALUES), {"time_step": 0.01}, G / 100),
     ("acc [g]\n" + "".join(f"{x}\n" for x in VALUES), {"time_step": 0.01}, G),
-    (rows("time [s],ax (m/s^2)", VALUES), {"column": "ax (m/s^2)"}, 1),
-    (PLAIN.replace("time [s],acc [g]", '"time [s]","acc [g]"'), {}, G),
     (PLAIN.replace("acc [g]\n", "acc [g]\n# a comment\n") + ",\n,\n\n", {}, G),
 ]
 
 
 @pytest.mark.parametrize(("content", "options", "factor"), TABLES)
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-8-sig"])
-def test_heads_and_layouts(write, content, options, factor, encoding):
-    record = jr.read_record(write(content, encoding=encoding), **options)
+def test_heads_and_layouts(write, content, options, factor):
+    record = jr.read_record(write(content), **options)
     np.testing.assert_allclose(record.acceleration, factor * VALUES, rtol=1e-14)
     assert float(record.time_step) == pytest.approx(0.01, rel=1e-12)
 
@@ -53,7 +47,6 @@ def test_heads_and_layouts(write, content, options, factor, encoding):
 COMPONENTS = [
     ("acc_x [g],acc_y [g],acc_z [g]", ["acc x", "acc y"], "up"),
     ("a-1 [g],a-2 [g],a-3 [g]", ["a-1", "a-2"], "up"),
-    ("h1 acc [g],h2 acc [g],v acc [g]", ["h1 acc", "h2 acc"], "up"),
     ("north [g],east [g],up [g]", ["north", "east"], "up"),
     ("090 [g],h180 [g],UD [g]", ["090", "h180"], "up"),
     ("n [g],e [g],down [g]", ["n", "e"], "down"),
@@ -67,7 +60,6 @@ def test_components_of_a_suite(write, heads, names, third):
     path = write(rows(f"time [s],{heads}", VALUES, 2 * VALUES, 3 * VALUES))
     suite = jr.read_suite([path], unit="g")
     assert suite.names == (tuple(f"a {name}" for name in names) or ("a",))
-    assert (heads.split(",")[-1] in suite.source) == bool(third)
     if third == "up":
         suite = jr.read_suite([path], vertical=True)
         np.testing.assert_allclose(suite[0].vertical, 3 * G * VALUES)
@@ -77,15 +69,12 @@ def test_components_of_a_suite(write, heads, names, third):
 
 
 # Heads beside that of times; and what the error says.
-OTHERS = """g_x,g_y; 5% damped acceleration [g]; spectral acceleration [g]; relative acc [g];
-Table acceleration [g],Block acceleration [g]; base acc [g],roof acc [g]; acc [deg]; n;
-x [mm],y [mm]; acc [furlong]; ch1 [g],ch2 [g]; acc l,acc r; acc -z [g]"""
+OTHERS = """g_x,g_y; 5% damped acceleration [g]; Table acceleration [g],Block acceleration [g]; n;
+acc [deg]; acc [furlong]; ch1 [g],ch2 [g]; acc -z [g]"""
 UNCLEAR = dict.fromkeys(re.split(r";\s", OTHERS), "column names another one")
 UNCLEAR |= {
     "acc": "unit",
     "acc [g],a [g]": r"column names it: 'acc \[g\]', 'a \[g\]'",
-    "acc [g],acc_x [g]": "column names it",
-    "x [g],y [g],1 [g]": "column names it",
     "t [ms],acc [g]": "one column of times",
 }
 
@@ -101,28 +90,22 @@ def test_what_is_not_stated_is_asked_for(write, heads):
 GOOD = rows("time [s],acc [g]", np.round(np.linspace(-1, 1, 40) ** 3, 4))
 DAMAGES = [
     ("time [s]", "T [s]", "give time_step"),
-    ("time [s]", "time", "time \\[s\\]"),
     ("0.05,", "0.06,", "equal steps"),
     ("0.05,", "\n0.05,", "all lines"),
-    ("0.05,", "# 0.05,", "equal steps"),
     ("0.05,", '"0.05,', "cells"),
-    ("0.05,", "x,", "finite number"),
     ("0.05,", "nan,", "finite number"),
     ("0.05,", "0.0_5,", "finite number"),
-    ("acc [g]\n", "acc [g]\n0,0,", ""),
     ("0.05,", "0.39\n0.05,", "2 cells"),
 ]
 
 
 @pytest.mark.parametrize(("old", "new", "part"), DAMAGES)
 def test_damages(write, old, new, part):
-    assert old in GOOD
     with pytest.raises(ValueError, match=f"a.csv'.*{part}"):
         jr.read_record(write(GOOD.replace(old, new, 1)))
 
 
-@pytest.mark.parametrize("form", [".2f", ".3f", ".17g", ".6e"])
-@pytest.mark.parametrize("step", [0.01, 1 / 128, 0.05])
+@pytest.mark.parametrize(("form", "step"), [(".2f", 0.01), (".2f", 1 / 128), (".6e", 1 / 128)])
 def test_times_printed_with_few_digits(write, form, step):
     times = 37 + step * np.arange(500)
     lines = [f"{t:{form}},{(-1) ** k}\n" for k, t in enumerate(times)]
@@ -146,19 +129,11 @@ def test_a_column_and_a_vertical_one(write):
     for options, part in (
         ({"column": "acc w [g]"}, "acc w"),
         ({"column": "acc x [g]", "vertical": "acc y [g]"}, "points level"),
-        ({}, "column must be given"),
         ({"column": "acc x [g]", "unit": "gal"}, "unit is 'gal'"),
         ({"column": "acc x [g]", "time_step": 0.02}, "time_step is 0.02 s"),
-        ({"unit": "furlong"}, "unit must be"),
     ):
         with pytest.raises(ValueError, match=part):
             jr.read_record(path, **options)
-
-
-def test_a_peak_beyond_belief_is_told(write):
-    path = write(rows("time [s],acc", 1000 * VALUES))
-    with pytest.warns(UserWarning, match="PGA of 2942 m/s2"):
-        jr.read_record(path, unit="g")
 
 
 def test_names_of_files_say_nothing_of_tables(write, tmp_path):
@@ -178,11 +153,3 @@ def test_example_record():
     rows = (north.acceleration, east.acceleration, north.vertical)
     peaks = [float(abs(row).max()) / G for row in rows]
     assert peaks == pytest.approx([0.510801, 0.344256, 0.347188], rel=1e-12)
-
-
-@pytest.mark.thorough
-def test_reading_needs_nothing_heavy():
-    """In a process of its own: the tests import all of these."""
-    code = "import sys, jaxrock.ground_motion; print(*sys.modules)"
-    names = subprocess.check_output([sys.executable, "-c", code], text=True).split()
-    assert not {"pandas", "obspy", "xarray"} & {*names}

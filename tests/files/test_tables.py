@@ -24,9 +24,10 @@ SPREADSHEET = (
 )
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
-@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("sign", [";", "\t"])
+@pytest.mark.parametrize(
+    ("encoding", "end", "sign"),
+    [("utf-8", "\n", ";"), ("utf-8-sig", "\r\n", "\t"), ("utf-16", "\r", ";")],
+)
 def test_a_table_of_a_spreadsheet(write, encoding, end, sign):
     content = SPREADSHEET.replace(";", sign).replace("\n", end)
     contents = read_table(write(content, encoding=encoding), COLUMNS)
@@ -51,19 +52,9 @@ REFUSED = [
     ("", ("text with lines",)),
     (b"PK\3\4\24\0", ("save a spreadsheet as CSV",)),
     ("name,heigth [m]\na,1\n", ("line 1", "name, width [m]", "heigth")),
-    ("1,2\n3,4\n", ("line 1", "name, width [m]", "'1,2'")),
-    (f"{HEAD}\n", ("line 1", "at least one row")),
     ("name,width\na,1\n", ("line 1", "'width'", "'width [m]'")),
-    ("name,width [kg]\na,1\n", ("line 1", "'width [kg]'", "'width [m]'")),
-    ("name,width [m],fixed [m]\na,1,1\n", ("'fixed [m]'", "'fixed'")),
-    ("name,width [m],object\na,1,b\n", ("'name' is there twice",)),
     # Cells: of all rows of a column at once.
     (f"{HEAD}\na,1,0\nb,-1,x\nc,,1\n", ("line 3", "width", "'-1'", "line 4", "got ''")),
-    (f"{HEAD}\n,1,1\n", ("line 2", "'name'", "each row")),
-    (f"{HEAD},fixed\na,1,1,maybe\n", ("line 2", "yes or no", "'maybe'")),
-    (f"{HEAD}\na,1_0,1\n", ("line 2", "'1_0'")),
-    (f'{HEAD}\na,"1,5",1\n', ("line 2", "'1,5'")),
-    (f"{HEAD}\na,1,2,3\n", ("line 2", "3 cells", "got 4")),
     (f'{HEAD}\n"a,1,2\n', ("line 2", "cells")),
     (f"{HEAD}\na,1,0.25\nb,1", ("line 3", "3 cells", "got 2")),
 ]
@@ -90,9 +81,9 @@ UNITS = [
 ]
 
 
-@pytest.mark.parametrize(("spellings", "dimension", "factor"), UNITS)
-def test_units(spellings, dimension, factor):
-    for spelling in spellings.split(", "):
-        unit = parse_unit(spelling)
-        assert unit.dimension == dimension, spelling
-        assert unit.factor == pytest.approx(factor, rel=1e-15, nan_ok=True), spelling
+def test_units():
+    for spellings, dimension, factor in UNITS:
+        for spelling in spellings.split(", "):
+            unit = parse_unit(spelling)
+            assert unit.dimension == dimension, spelling
+            assert unit.factor == pytest.approx(factor, rel=1e-15, nan_ok=True), spelling

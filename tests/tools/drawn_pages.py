@@ -27,13 +27,13 @@ PARTS = re.compile(
 COLOURS = 64  # enough for lines, and a third of the bytes
 
 
-def draw_pictures(text, namespace):
+def draw_pictures(text, namespace, execute=exec):
     """Run the code of a page; return pictures by name, and pairs of what it prints and should."""
     pictures = {}
     printed = []
     for code, expected, name in PARTS.findall(text):
         with contextlib.redirect_stdout(io.StringIO()) as output:
-            exec(code, namespace)
+            execute(code, namespace)
         print(output.getvalue(), end="")
         if expected:
             printed.append((output.getvalue(), expected))

@@ -19,24 +19,27 @@ import numpy as np
 import jaxrock as jr
 from jaxrock.cli import application
 
+ROOT = Path(__file__).parents[2]
 # Times of the impacts of a block 0.2 m wide and 1 m high whose restitution is 0.9, to 1 ms.
 IMPACTS = (0.0, 0.964, 1.636, 2.173, 2.623, 3.007, 3.34, 3.632, 3.892, 4.122, 4.324, 4.503)
-# Objects of a museum, and the hazard at its place.
-OBJECTS = "name,width [cm],height [m],restitution\nbust,40,1.6,\nvase,28,0.9,0.88\n"
-HAZARD = "pgv [m/s],rate [1/yr]\n0.1,2e-2\n0.3,2e-3\n1,1e-4\n3,4e-6\n"
-# Tests of a block under factors on three records, each of which overturns it from another one on.
-TESTS = "file,scale,overturned\n" + "".join(
-    f"records/{k}.csv,{factor},{'yes' if factor > least else 'no'}\n"
-    for k, least in enumerate((1.3, 1.4, 0.9))
-    for factor in (0.5, 0.8, 1, 1.2, 1.6, 2.4)
-)
+# Objects of a museum, the hazard at its place, and tests of a block under factors on three records.
+FILES = {
+    "times.csv": "\n".join(["time [s]", *map(str, IMPACTS)]),
+    "objects.csv": "name,width [cm],height [m],restitution\nbust,40,1.6,\nvase,28,0.9,0.88\n",
+    "hazard.csv": "pgv [m/s],rate [1/yr]\n0.1,2e-2\n0.3,2e-3\n1,1e-4\n3,4e-6\n",
+    "tests.csv": "file,scale,overturned\n"
+    + "".join(
+        f"records/{k}.csv,{factor},{'yes' if factor > least else 'no'}\n"
+        for k, least in enumerate((1.3, 1.4, 0.9))
+        for factor in (0.5, 0.8, 1, 1.2, 1.6, 2.4)
+    ),
+}
 # Progress: that a long step has ended, or how long one will take.
 PROGRESS = re.compile(
     r"jaxrock: (.+: (?:done in|\d+ % after) \d+ s|timing .* takes some \d+ s"
     r"|computing what goes into the folder .*)"
 )
 BLOCK = re.compile(r"^```[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILINE)
-ROOT = Path(__file__).parents[2]
 
 
 def list_help_examples():
@@ -50,29 +53,19 @@ def list_page_examples(text):
     """List the command lines of a page, and its scripts, each as a whole."""
     examples = []
     for block in BLOCK.findall(text):
-        if block.startswith("#!/bin/sh"):
-            examples.append(block)
-            continue
         lines = block.replace("\\\n", " ").splitlines()
-        examples += [line for line in lines if line.startswith("jaxrock ")]
+        commands = [line for line in lines if line.startswith("jaxrock ")]
+        examples += [block] if block.startswith("#!/bin/sh") else commands
     return examples
-
-
-def read_pages():
-    """Read the README and all pages, by the names of their files."""
-    paths = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-    return {path.name: path.read_text(encoding="utf-8") for path in paths}
 
 
 def make_files(folder):
     """Make a folder with the files that examples name."""
     (folder / "records").mkdir(parents=True)
-    (folder / "times.csv").write_text("\n".join(["time [s]", *map(str, IMPACTS)]))
-    (folder / "objects.csv").write_text(OBJECTS, encoding="utf-8")
-    (folder / "hazard.csv").write_text(HAZARD, encoding="utf-8")
-    (folder / "tests.csv").write_text(TESTS, encoding="utf-8")
+    for name, content in FILES.items():
+        (folder / name).write_text(content, encoding="utf-8")
     for number, record in enumerate(list(jr.example_suite())[:3]):
-        times = np.arange(len(record.acceleration)) * float(record.time_step)
+        times = np.arange(record.samples) * float(record.time_step)
         table = np.column_stack([times, record.acceleration])
         path = folder / "records" / f"{number}.csv"
         heads = "time [s],acceleration [m/s2]"
@@ -100,23 +93,18 @@ def run_example(example, folder):
 def main():
     """Run them all, and those that two places show once only."""
     folder = Path(sys.argv[1])
-    which = sys.argv[2:] or ["help", "pages"]
-    examples = list_help_examples() if "help" in which else []
-    if "pages" in which:
-        for text in read_pages().values():
-            examples += list_page_examples(text)
-    folder.mkdir()
+    examples = [] if "pages" in sys.argv else list_help_examples()
+    if "help" not in sys.argv:
+        for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+            examples += list_page_examples(path.read_text(encoding="utf-8"))
     failed = False
     # Each in a folder of its own, where no file of another is in the way.
     for number, example in enumerate(dict.fromkeys(examples)):
-        place = folder / str(number)
-        make_files(place)
+        make_files(folder / str(number))
         start = time.perf_counter()
-        fault = run_example(example, place)
-        print(f"{time.perf_counter() - start:6.1f} s  {example.rstrip()}", flush=True)
-        if fault:
-            failed = True
-            print(fault, flush=True)
+        fault = run_example(example, folder / str(number))
+        print(f"{time.perf_counter() - start:6.1f} s  {example.rstrip()}\n{fault}", flush=True)
+        failed = failed or bool(fault)
     sys.exit(failed)
 
 

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import jax
 
-TESTS = Path(__file__).parent.parent
 if __name__ == "__main__":
-    sys.path.insert(0, str(TESTS))
+    sys.path.insert(0, str(Path(__file__).parent.parent))
 jax.config.update("jax_enable_x64", True)
 
 from tables.answers.table import (
@@ -25,49 +24,34 @@ from tables.answers.table import (
 )
 
 
-def parse_prefixes() -> tuple[str, ...]:
-    """Read the prefixes; the empty one stands for all."""
+def main() -> None:
+    """Write the groups that are named, or that have answers that are."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="+", default=[""], metavar="PREFIX")
-    return tuple(parser.parse_args().only)
-
-
-def replace_answers(group: str, prefixes: tuple[str, ...]) -> None:
-    """Compute a group, and replace those of its answers that are named."""
-    begun = time.process_time()
-    answers = compute_group(group)
-    print(f"{time.process_time() - begun:6.1f} s  {group}: {len(answers)} answers", flush=True)
+    prefixes = tuple(parser.parse_args().only)
     old = read_table()
-    table = {
-        name: answer
-        for name, answer in old.items()
-        if not name.startswith(f"{group}/") or not name.startswith(prefixes)
-    }
-    for name, answer in answers.items():
-        if name.startswith(prefixes):
-            change = describe_change(answer, old[name]) if name in old else "new"
-            # What is the same keeps the digits that it had.
-            table[name] = answer if change else old[name]
-            if change:
-                print(f"{name}: {change}")
+    table = {name: old[name] for name in old if not name.startswith(prefixes)}
+    for group in GROUPS:
+        if not (
+            group.startswith(prefixes) or any(p.startswith(f"{group}/") for p in prefixes)
+        ):
+            continue
+        begun = time.process_time()
+        answers = compute_group(group)
+        print(
+            f"{time.process_time() - begun:6.1f} s  {group}: {len(answers)} answers",
+            flush=True,
+        )
+        for name, answer in answers.items():
+            if name.startswith(prefixes):
+                change = describe_change(answer, old[name]) if name in old else "new"
+                # What is the same keeps the digits that it had.
+                table[name] = answer if change else old[name]
+                if change:
+                    print(f"{name}: {change}")
     for name in old.keys() - table.keys():
         print(f"{name}: removed")
     write_table(table)
-
-
-def main() -> None:
-    """Write the groups that are named, or that have answers that are."""
-    prefixes = parse_prefixes()
-    groups = tuple(f"{group}/" for group in GROUPS)
-    known = {
-        name: answer
-        for name, answer in read_table().items()
-        if name.startswith(groups) or not name.startswith(prefixes)
-    }
-    write_table(known)  # without those of groups that are no more
-    for group in GROUPS:
-        if group.startswith(prefixes) or any(p.startswith(f"{group}/") for p in prefixes):
-            replace_answers(group, prefixes)
 
 
 if __name__ == "__main__":

@@ -14,9 +14,17 @@ from .table import group, run_command
 
 # An error is a difference of rounding.
 LEFT_OUT = ("error", "files", "reason", "record_source", "sizes")
-SIZE = ("--width", 0.8, "--slenderness", 5, "--restitution", 0.7)
-SLIM = ("--width", 0.2, "--slenderness", 5, "--restitution", 0.9)
-SINE = ("--pulse", "sine", "--pulse-duration", 0.5)
+SIZE = "--width 0.8 --slenderness 5 --restitution 0.7"
+SLIM = "--width 0.2 --slenderness 5 --restitution 0.9"
+SINE = "--pulse sine --pulse-duration 0.5"
+GRID = "--slenderness 3:10:8 --width 0.4 1.2 --restitution 0.6 0.8"
+# Sturdy blocks, whose boundaries under the record are not chaotic.
+STURDY = "--width 0.8 --height 2.4 --restitution 0.5 --record example"
+COLUMN = "--width 0.4 --height 1.6 --restitution 0.5 --records example"
+# 1 and 2 Hz and 3 m/s2: over p, and over the amplitude that just lifts the block.
+RATIO = 2 * np.pi / np.sqrt(0.75 * 9.81 / np.hypot(0.1, 0.5))
+RATIOS = f"--frequency-ratio {RATIO} {2 * RATIO} --amplitude-ratio {3 / 1.962} --cycles 5"
+FEW = "--restitution 0.5 --free-period 2 4 --slenderness 3"
 
 
 def list_json(tree: Any, prefix: str) -> Iterator[tuple]:
@@ -47,74 +55,45 @@ def fill_gap(value: Any) -> Any:
     return np.nan if value is None else value
 
 
-def run_all(commands: dict[str, tuple]) -> Iterator[tuple]:
+def run_all(**commands: str) -> Iterator[tuple]:
     with tempfile.TemporaryDirectory() as folder:
-        for name, words in commands.items():
-            writes = words[0] not in ("assess", "critical")
+        for name, line in commands.items():
+            writes = line.split()[0] not in ("assess", "critical")
             out = ("--out", Path(folder) / name) if writes else ()
-            yield from list_json(run_command(*words, *out), name)
+            yield from list_json(run_command(*line.split(), *out), name)
 
 
-@group("commands/critical_pulse", 1e-9, by_default=True)
-def answer_one():
-    yield from run_all({"sine": ("critical", *SLIM, *SINE)})
+def run_group(name: str, tolerance: float, by_default: bool = False, **commands: str) -> None:
+    group(name, tolerance, by_default=by_default)(lambda: run_all(**commands))
 
 
-@group("commands/closed", 1e-10)
-def answer_closed():
-    yield from run_all(
-        {
-            "assess_one_sided": ("assess", "--width", 0.8, "--height", 4, "--one-sided"),
-            "critical": ("critical", *SIZE, "--half-cycles", 1, 5, "inf"),
-        }
-    )
-
-
-@group("commands/closed_with_files", 1e-9)
-def answer_with_files():
-    variation = ("--coefficient-of-variation", 0.03)
-    grid = ("--slenderness", "3:10:8", "--width", 0.4, 1.2, "--restitution", 0.6, 0.8)
-    yield from run_all(
-        {
-            "spectrum": ("spectrum", *grid),
-            "sensitivity": ("sensitivity", *SIZE, *variation, "--answer", "rotation-ratio"),
-        }
-    )
-
-
-@group("commands/driven", 1e-7)
-def answer_driven():
-    pulse = (*SINE, "--amplitude", 2.5)
-    # 1 and 2 Hz and 3 m/s2: over p, and over the amplitude that just lifts the block.
-    ratio = 2 * np.pi / np.sqrt(0.75 * 9.81 / np.hypot(0.1, 0.5))
-    axes = ("--frequency-ratio", ratio, 2 * ratio, "--amplitude-ratio", 3 / 1.962)
-    few = (*axes, "--cycles", 5)
-    samples = ("--samples", 64, "--seed", 1)
-    yield from run_all(
-        {
-            "respond": ("respond", *SLIM, *pulse),
-            "harmonic": ("harmonic", *SLIM, *few),
-            "outcomes": ("driven-sensitivity", *SLIM, *pulse, *samples),
-        }
-    )
-
-
-@group("commands/records", 1e-6)
-def answer_for_records():
-    """Of sturdy blocks, whose boundaries under the record are not chaotic."""
-    block = ("--width", 0.8, "--height", 2.4, "--restitution", 0.5)
-    slim = ("--width", 0.4, "--height", 1.6, "--restitution", 0.5)
-    levels = ("--levels", 0.3, 0.6, 1.2)
-    yield from run_all(
-        {
-            "respond": ("respond", *block, "--record", "example"),
-            "rocking_spectrum": (
-                *("rocking-spectrum", "--record", "example", "--restitution", 0.5),
-                *("--free-period", 2, 4, "--slenderness", 3),
-            ),
-            "fragility": ("fragility", *slim, "--records", "example", *levels),
-        }
-    )
+run_group("commands/critical_pulse", 1e-9, by_default=True, sine=f"critical {SLIM} {SINE}")
+run_group(
+    "commands/closed",
+    1e-10,
+    assess_one_sided="assess --width 0.8 --height 4 --one-sided",
+    critical=f"critical {SIZE} --half-cycles 1 5 inf",
+)
+run_group(
+    "commands/closed_with_files",
+    1e-9,
+    spectrum=f"spectrum {GRID}",
+    sensitivity=f"sensitivity {SIZE} --coefficient-of-variation 0.03 --answer rotation-ratio",
+)
+run_group(
+    "commands/driven",
+    1e-7,
+    respond=f"respond {SLIM} {SINE} --amplitude 2.5",
+    harmonic=f"harmonic {SLIM} {RATIOS}",
+    outcomes=f"driven-sensitivity {SLIM} {SINE} --amplitude 2.5 --samples 64 --seed 1",
+)
+run_group(
+    "commands/records",
+    1e-6,
+    respond=f"respond {STURDY}",
+    rocking_spectrum=f"rocking-spectrum --record example {FEW}",
+    fragility=f"fragility {COLUMN} --levels 0.3 0.6 1.2",
+)
 
 
 @group("commands/fit", 1e-5)

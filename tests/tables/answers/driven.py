@@ -85,25 +85,27 @@ def spread_blocks(**side):
     return jr.Block(spread(0.1, 0.6, 1), spread(3.0, 8.0, 5), **side)
 
 
+def spread_amplitudes(most):
+    return spread(1.1, most, 11) * 9.81 / spread(3.0, 8.0, 5)
+
+
 @group("driven/batch/pulses", 1e-11, by_default=True)
 def respond_to_pulses_in_batch():
-    blocks = spread_blocks()
-    c = spread(0.5, 0.95, 7)
-    uplift = 9.81 / blocks.slenderness
-    pulse = jr.Sine(spread(1.1, 6.0, 11) * uplift, spread(0.2, 1.0, 5))
-    yield from list_fields(jr.respond_batch(blocks, c, pulse, 4.0), OF_MANY)
+    pulse = jr.Sine(spread_amplitudes(6.0), spread(0.2, 1.0, 5))
+    found = jr.respond_batch(spread_blocks(), spread(0.5, 0.95, 7), pulse, 4.0)
+    yield from list_fields(found, OF_MANY)
 
 
 @group("driven/batch/other_pulses", 1e-11)
 def respond_to_other_pulses_in_batch():
     blocks = spread_blocks()
     c = spread(0.5, 0.95, 7)
-    uplift = 9.81 / blocks.slenderness
+    amplitude = spread_amplitudes(3.0)
     for shape in (jr.HalfSine, jr.Cosine, jr.Ricker, jr.Rectangular):
-        pulse = shape(spread(1.1, 3.0, 11) * uplift, spread(0.2, 1.0, 5))
+        pulse = shape(amplitude, spread(0.2, 1.0, 5))
         found = jr.respond_batch(blocks, c, pulse, 4.0)
         yield from list_fields(found, OF_MANY, f"{shape.__name__}/")
-    floor = jr.Harmonic(spread(1.1, 3.0, 11) * uplift, spread(6.0, 20.0, 7), 5)
+    floor = jr.Harmonic(amplitude, spread(6.0, 20.0, 7), 5)
     yield from list_fields(jr.respond_batch(blocks, c, floor), OF_MANY, "Harmonic/")
 
 
@@ -111,7 +113,7 @@ def respond_to_other_pulses_in_batch():
 def respond_otherwise_in_batch():
     blocks = spread_blocks()
     c = spread(0.5, 0.95, 7)
-    pulse = jr.Sine(spread(1.1, 4.0, 11) * 9.81 / blocks.slenderness, spread(0.2, 1.0, 5))
+    pulse = jr.Sine(spread_amplitudes(4.0), spread(0.2, 1.0, 5))
     found = jr.respond_batch(blocks, c, pulse, 4.0, model="linearized")
     yield from list_fields(found, OF_MANY, "linearized/")
     walls = spread_blocks(one_sided=True)
@@ -156,7 +158,7 @@ def respond_within_tolerance():
     """Errors are estimates, of which the first digits count."""
     blocks = spread_blocks()
     c = spread(0.5, 0.9, 7)
-    pulse = jr.Sine(spread(1.1, 6.0, 11) * 9.81 / blocks.slenderness, spread(0.2, 1.0, 5))
+    pulse = jr.Sine(spread_amplitudes(6.0), spread(0.2, 1.0, 5))
     for name, motion in (("pulses", pulse), ("record", record().scaled(spread(0.5, 1.5, 11)))):
         found = jr.respond_within(blocks, c, motion, 1e-4)
         yield f"{name}/within_tolerance", found.within_tolerance

@@ -39,12 +39,8 @@ def extreme_scenes():
 
 
 OF_MODEL = (
-    jr.stabilized_period,
-    jr.stabilized_rotation,
-    jr.rotation_ratio,
-    jr.amplification,
-    jr.overturning_margin,
-    jr.overturning_half_cycle,
+    *(jr.stabilized_period, jr.stabilized_rotation, jr.rotation_ratio),
+    *(jr.amplification, jr.overturning_margin, jr.overturning_half_cycle),
 )
 
 
@@ -62,15 +58,11 @@ def invert_all(scene, model):
     for name, half_cycles in (("limit", np.inf), ("three", 3.0)):
         rest = {"half_cycles": half_cycles, "model": model}
         yield f"{name}/critical_intensity", jr.critical_intensity(block, c, **rest)
-        yield (
-            f"{name}/critical_restitution",
-            jr.critical_restitution(block, scene.intensity, **rest),
-            1e-11,  # it loses digits where it is close to 0
-        )
-        yield (
-            f"{name}/critical_slenderness",
-            jr.critical_slenderness(block, c, scene.intensity, **rest),
-        )
+        restitution = jr.critical_restitution(block, scene.intensity, **rest)
+        # It loses digits where it is close to 0.
+        yield f"{name}/critical_restitution", restitution, 1e-11
+        slenderness = jr.critical_slenderness(block, c, scene.intensity, **rest)
+        yield f"{name}/critical_slenderness", slenderness
         for fixed in ("slenderness", "height"):
             width = jr.critical_width(block, c, scene.intensity, fixed=fixed, **rest)
             yield f"{name}/critical_width_at_this_{fixed}", width
@@ -107,14 +99,8 @@ def answer_of_velocities():
         yield prefix + "motion", jnp.stack(model.motion(scene.block, velocity, time))
 
 
-@group("resonance/linearized", by_default=True)
-def answer_linearized():
-    yield from answer_all(usual_scenes(), MODELS[0])
-
-
-@group("resonance/nonlinear", by_default=True)
-def answer_nonlinear():
-    yield from answer_all(usual_scenes(), MODELS[1])
+group("resonance/linearized", by_default=True)(lambda: answer_all(usual_scenes(), MODELS[0]))
+group("resonance/nonlinear", by_default=True)(lambda: answer_all(usual_scenes(), MODELS[1]))
 
 
 @group("resonance/extremes", by_default=True)
@@ -132,14 +118,10 @@ def answer_one_sided():
     yield "rotation_ratio", jr.rotation_ratio(scene, MODELS[1])
 
 
-@group("resonance/inverse_linearized", by_default=True)
-def invert_linearized():
-    yield from invert_all(usual_scenes(), MODELS[0])
-
-
-@group("resonance/inverse_nonlinear")
-def invert_nonlinear():
-    yield from invert_all(usual_scenes(), MODELS[1])
+group("resonance/inverse_linearized", by_default=True)(
+    lambda: invert_all(usual_scenes(), MODELS[0])
+)
+group("resonance/inverse_nonlinear")(lambda: invert_all(usual_scenes(), MODELS[1]))
 
 
 @group("resonance/damping", by_default=True)
@@ -147,16 +129,6 @@ def answer_equivalent_damping():
     c = spread(0.1, 0.95, 5)
     yield "equivalent_damping", jr.resonance.equivalent_damping(c)
     yield "equivalent_damping_as_printed", jr.resonance.equivalent_damping(c, as_printed=True)
-
-
-@group("resonance/derivatives_linearized", 1e-11, by_default=True)
-def differentiate_linearized():
-    yield from differentiate_all(MODELS[0])
-
-
-@group("resonance/derivatives_nonlinear", 1e-11)
-def differentiate_nonlinear():
-    yield from differentiate_all(MODELS[1])
 
 
 def differentiate_all(model):
@@ -176,6 +148,12 @@ def differentiate_all(model):
 
     for name, derivatives in differentiate(usual_scenes()).items():
         yield name, jnp.stack(jax.tree.leaves(derivatives))
+
+
+group("resonance/derivatives_linearized", 1e-11, by_default=True)(
+    lambda: differentiate_all(MODELS[0])
+)
+group("resonance/derivatives_nonlinear", 1e-11)(lambda: differentiate_all(MODELS[1]))
 
 
 @group("resonance/second_derivatives", 1e-10)

@@ -7,10 +7,9 @@ import jaxrock as jr
 
 from .table import group, list_variables
 
-
-@group("spectra/resonance", by_default=True)
-def compute_resonance():
-    yield from list_variables(jr.resonance_spectrum(**GRID))
+group("spectra/resonance", by_default=True)(
+    lambda: list_variables(jr.resonance_spectrum(**GRID))
+)
 
 
 @group("spectra/resonance_of_models")
@@ -32,10 +31,11 @@ def compute_rocking():
     yield from list_variables(found, "suite/")
 
 
-@group("spectra/overturning", 1e-9, by_default=True)
-def compute_overturning():
-    found = jr.overturning_map(jr.Sine, [2.0, 4.0], amplitude_ratio=[0.9, 2.0, 8.0])
-    yield from list_variables(found)
+group("spectra/overturning", 1e-9, by_default=True)(
+    lambda: list_variables(
+        jr.overturning_map(jr.Sine, [2.0, 4.0], amplitude_ratio=[0.9, 2.0, 8.0])
+    )
+)
 
 
 @group("spectra/overturning_map", 1e-9)

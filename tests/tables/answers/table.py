@@ -46,17 +46,14 @@ def group(name: str, tolerance: float = 1e-12, *, by_default: bool = False) -> C
 
 def compute_group(name: str) -> dict[str, Answer]:
     """Compute the answers of a group by their names."""
-    compute = GROUPS[name].compute
-    usual = GROUPS[name].tolerance
     answers = {}
     with warnings.catch_warnings():
         # Remarks about a scene are no part of its answer.
         warnings.simplefilter("ignore", UserWarning)
-        for ending, value, *own in compute():
-            tolerance = own[0] if own else usual
-            full_name = f"{name}/{ending}"
-            assert full_name not in answers, full_name
-            answers[full_name] = Answer(as_lists(value, tolerance), tolerance)
+        for ending, value, *own in GROUPS[name].compute():
+            tolerance = own[0] if own else GROUPS[name].tolerance
+            assert f"{name}/{ending}" not in answers, ending
+            answers[f"{name}/{ending}"] = Answer(as_lists(value, tolerance), tolerance)
     return answers
 
 
@@ -89,51 +86,39 @@ def describe_change(new: Answer, old: Answer) -> str:
     if new.tolerance != old.tolerance:
         return f"tolerance {old.tolerance:g} is now {new.tolerance:g}"
     if isinstance(new.value, dict) and isinstance(old.value, dict):
-        return describe_changes_of_parts(new, old)
-    after = np.asarray(new.value)
-    before = np.asarray(old.value)
+        if new.value.keys() != old.value.keys():
+            return f"parts {list(old.value)} are now {list(new.value)}"
+        changes = {
+            name: describe_change(
+                new._replace(value=value), old._replace(value=old.value[name])
+            )
+            for name, value in new.value.items()
+        }
+        return ", ".join(f"{name}: {change}" for name, change in changes.items() if change)
+    after, before = np.asarray(new.value), np.asarray(old.value)
     if after.shape != before.shape:
         return f"shape {before.shape} is now {after.shape}"
-    if "f" not in (after.dtype.kind, before.dtype.kind):
-        differs = after != before
-        difference = differs.astype(float)
-    else:
+    differs = after != before
+    if "f" in (after.dtype.kind, before.dtype.kind):
         size = np.where(np.isfinite(before), np.abs(before), 0.0)
         bound = old.tolerance * np.maximum(size, 1e-3 * size.max(initial=0.0))
         with np.errstate(invalid="ignore"):
-            difference = np.abs(after - before)
-            same = (after == before) | (np.isnan(after) & np.isnan(before))
-            differs = ~same & ~(difference <= bound)
+            near = np.abs(after - before) <= bound
+        differs &= ~near & ~(np.isnan(after) & np.isnan(before))
     if not differs.any():
         return ""
-    place = np.unravel_index(np.argmax(np.where(differs, difference, -1.0)), differs.shape)
+    place = tuple(np.argwhere(differs)[0])
     at = f" at {list(map(int, place))}" if place else ""
     # Without their types, which NumPy prints.
-    old_number = before[place].item()
-    new_number = after[place].item()
-    return (
-        f"{old_number!r} is now {new_number!r}{at}, {differs.sum()} of {differs.size} differ"
-    )
-
-
-def describe_changes_of_parts(new: Answer, old: Answer) -> str:
-    """Describe how numbers that have names differ."""
-    if new.value.keys() != old.value.keys():
-        return f"parts {list(old.value)} are now {list(new.value)}"
-    changes = {
-        name: describe_change(new._replace(value=part), old._replace(value=old.value[name]))
-        for name, part in new.value.items()
-    }
-    return ", ".join(f"{name}: {change}" for name, change in changes.items() if change)
+    pair = f"{before[place].item()!r} is now {after[place].item()!r}"
+    return f"{pair}{at}, {differs.sum()} of {differs.size} differ"
 
 
 def read_table() -> dict[str, Answer]:
     """Read the answers of the table by their names."""
-    answers = {}
-    for line in FILE.read_text(encoding="utf-8").splitlines():
-        entry = json.loads(line)
-        answers[entry["name"]] = Answer(entry["value"], entry["tolerance"])
-    return answers
+    lines = FILE.read_text(encoding="utf-8").splitlines()
+    entries = map(json.loads, lines)
+    return {entry["name"]: Answer(entry["value"], entry["tolerance"]) for entry in entries}
 
 
 def write_table(answers: dict[str, Answer]) -> None:
@@ -151,11 +136,8 @@ def list_changes(name: str) -> list[str]:
     old = {key: answer for key, answer in read_table().items() if key.startswith(f"{name}/")}
     lines = [f"{key}: new" for key in new.keys() - old.keys()]
     lines += [f"{key}: missing" for key in old.keys() - new.keys()]
-    for key in new.keys() & old.keys():
-        change = describe_change(new[key], old[key])
-        if change:
-            lines.append(f"{key}: {change}")
-    return sorted(lines)
+    changes = {key: describe_change(new[key], old[key]) for key in new.keys() & old.keys()}
+    return sorted(lines + [f"{key}: {change}" for key, change in changes.items() if change])
 
 
 # For the rooms
@@ -181,10 +163,8 @@ def stack(values: list) -> np.ndarray:
     arrays = [np.asarray(value) for value in values]
     if len({array.shape for array in arrays}) > 1:
         longest = max(array.size for array in arrays)
-        arrays = [
-            np.pad(array.astype(float), (0, longest - array.size), constant_values=np.nan)
-            for array in arrays
-        ]
+        fill = {"constant_values": np.nan}
+        arrays = [np.pad(a.astype(float), (0, longest - a.size), **fill) for a in arrays]
     return np.stack(arrays)
 
 
@@ -198,8 +178,7 @@ def list_variables(dataset: Any, prefix: str = "") -> Iterator[tuple]:
 
 def run_command(*words: Any) -> dict:
     """Run a command in this process; its answer as JSON."""
-    printed = io.StringIO()
-    said = io.StringIO()
+    printed, said = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
         try:
             main([*map(str, words), "--json"])

@@ -26,19 +26,9 @@ def respond_to_trains(model, **side):
     yield from jax.vmap(respond)(*numbers, spread(0.2, 1.6, 7)).items()
 
 
-@group("trains/linearized", 1e-11)
-def answer_linearized():
-    yield from respond_to_trains(MODELS[0])
-
-
-@group("trains/nonlinear", 1e-11)
-def answer_nonlinear():
-    yield from respond_to_trains(MODELS[1])
-
-
-@group("trains/one_sided", 1e-11)
-def answer_one_sided():
-    yield from respond_to_trains(MODELS[0], one_sided=True)
+group("trains/linearized", 1e-11)(lambda: respond_to_trains(MODELS[0]))
+group("trains/nonlinear", 1e-11)(lambda: respond_to_trains(MODELS[1]))
+group("trains/one_sided", 1e-11)(lambda: respond_to_trains(MODELS[0], one_sided=True))
 
 
 @group("trains/derivatives", 1e-10)
