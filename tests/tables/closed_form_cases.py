@@ -225,6 +225,7 @@ def _cases():  # noqa: C901
         scenes_anywhere,
     )
     yield Case(
+        "stabilized_velocity",
         lambda *a: jr.stabilized_velocity(scene(*a)),
         lambda *a: closed_forms.half_cycle_velocity(*a, mp.inf),
         scenes_anywhere,
@@ -341,12 +342,12 @@ def evaluate(case, samples, dtype):
 
 # The default run has one function of each kind.
 OF_EACH_KIND = {
+    "Block.frequency_parameter",
+    "half_cycle_velocity(5)",
     "Nonlinear.half_cycle_duration",
     "Nonlinear stabilized_period",
     "Linearized critical_intensity(5)",
     "Nonlinear critical_width(inf)",
-    "Block.frequency_parameter",
-    "half_cycle_velocity(5)",
 }
 NAMES = [
     pytest.param(name, marks=pytest.mark.thorough) if name not in OF_EACH_KIND else name
