@@ -266,7 +266,7 @@ def test_a_remark_says_where_exceedance_decreases():
     )
     np.testing.assert_array_equal(curves.exceedance[:, 0], [0, 1, 0, 1])
     assert str(curves.remark.values[0]).endswith(
-        "at 1 level fewer records exceed it than at the next lower level"
+        "some records exceed it at 1 level, but not at the next higher one"
     )
 
 

@@ -295,5 +295,5 @@ def _fit_curve(
     falls = int((np.diff(counts) < 0).sum())
     if falls:
         number = f"{falls} level{'s' * (falls > 1)}"
-        remarks.append(f"at {number} fewer records exceed it than at the next lower level")
+        remarks.append(f"some records exceed it at {number}, but not at the next higher one")
     return curve._replace(remark="; ".join(remarks))

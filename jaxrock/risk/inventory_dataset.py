@@ -193,7 +193,7 @@ def list_remarks(assessed: "xarray.Dataset") -> list[str]:
     assumed = assessed.object.values[assessed.restitution_assumed.values]
     if assumed.size:
         lines.append(
-            f"restitution assumed, years with it and with a low one: {', '.join(assumed)}"
+            f"nobody gave C: years with that of theory, and with a lower one: {', '.join(assumed)}"
         )
     if any(need.endswith(NOT_KNOWN) for need in assessed.need.values):
         lines.append(f"{NOT_KNOWN}: {explain_unknown(assessed)}")

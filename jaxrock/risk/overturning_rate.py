@@ -94,8 +94,8 @@ class OverturningRate(Printed, eqx.Module):
         lines = [
             first,
             f"standard error {error} from {number}{' in both directions' * (self.directions == 2)}",
-            "undetected windows, and levels beyond the last, change it by"
-            f" {bound} at most (95 %)",
+            f"with windows between levels, and shaking beyond the last, it changes by {bound} at"
+            " most (95 %)",
         ]
         if self.sample_rates is not None:
             deviation = format_number(self.sample_rates.std(), "1/yr")

@@ -187,17 +187,16 @@ class Response(Shown, eqx.Module):
         balanced = status == Status.BALANCED and self.final_velocity == 0
         moving = "in balance" if balanced and not self.at_rest else "in motion"
         end = "lies on its side" if fallen else "at rest" if self.at_rest else moving
+        state = "at rest" if self.margin == 1 else f"margin {self.margin:.4g}"
         lines = [
-            f"{'overturns' if self.overturned else 'stands'},"
-            f" margin {self.margin:.4g} when the input ends"
-            f" ({'' if self.margin < 0 else '1 at rest, '}below 0 it overturns)",
+            f"{'overturns' if self.overturned else 'stands'}; {state} when the shaking ends",
             f"peak rotation {self.peak_rotation:.3g} rad, {self.peak_rotation / angle:.3g} of the"
             f" critical angle, at {self.peak_time:.4g} s",
             f"{self._count_impacts()}, {end} at the end",
             f"the block leaves the ground at {self.contact_loss_time:.4g} s; the model ends there"
             if self.normal_force <= 0
-            else f"friction demand {self.friction_demand:.4g}, smallest normal force"
-            f" {self.normal_force:.4g} of the weight",
+            else f"does not slide if friction exceeds {self.friction_demand:.4g}; normal force at"
+            f" least {self.normal_force:.4g} of the weight",
         ]
         if self.peak_rotation == 0:
             lines[1] = "the ground does not lift the block"
@@ -213,14 +212,13 @@ class Response(Shown, eqx.Module):
         """Write how many impacts there were, and how many of them were not tiny."""
         # Most impacts are bounces that die out: many in number, small in effect.
         count = int(self.impacts)
-        impacts = f"{count:,} impact{'' if count == 1 else 's'}"
         speeds = abs(np.asarray(self.impact_velocities))
         speeds = speeds[np.isfinite(speeds)]
         fast = int((speeds >= _TINY * speeds.max(initial=0.0)).sum())
         # A list may be full before the last impact.
-        if speeds.size < count or fast == count:
-            return impacts
-        return f"{impacts}, {fast:,} of them faster than {100 * _TINY:.0f} % of the fastest"
+        tiny = 0 if speeds.size < count else count - fast
+        impacts = f"{count - tiny:,} impact{'' if count - tiny == 1 else 's'}"
+        return impacts + f" (and {tiny:,} tiny bounces)" * (tiny > 0)
 
 
 @eqx.filter_jit
