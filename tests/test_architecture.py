@@ -108,10 +108,11 @@ def test_no_room_gains_weight():
     weights = collections.Counter()
     for path in FILES:
         weights[weighed_room_of(path)] += count_code_lines(TEXTS[path])
+    excess = {room: lines - CODE_LINES.get(room, 0) for room, lines in weights.items()}
     heavier = {
-        room: lines for room, lines in weights.items() if lines > CODE_LINES.get(room, 0)
+        room: f"{weights[room]}, {more} too many" for room, more in excess.items() if more > 0
     }
-    assert not heavier, f"more code lines than CODE_LINES allows: {heavier}"
+    assert not heavier, f"packages with more code lines than CODE_LINES allows: {heavier}"
     lighter = {room: weights[room] for room in CODE_LINES if weights[room] < CODE_LINES[room]}
     assert not lighter, f"CODE_LINES is to be lowered to {lighter}"
 
