@@ -5,7 +5,7 @@ numbers of a scene, or its Hessian. It meets the bounds below.
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import jax
@@ -130,7 +130,7 @@ def velocity_of(b, slenderness, gravity, restitution, intensity, count):
     return first * sum_of_powers(restitution, count)
 
 
-def _functions():
+def _functions() -> Iterator[tuple]:
     for name, ours, count, kind in (
         ("launch_velocity", jr.launch_velocity, 1, "finite"),
         (

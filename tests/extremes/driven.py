@@ -274,5 +274,5 @@ def _list_errors(theirs, ours, scale):
     for what, exact, found, unit, size in zip(
         QUANTITIES, theirs, ours, scale, felt, strict=False
     ):
-        off = abs(unit * (np.vectorize(mp.mpf, otypes=[object])(found) - exact))
+        off = abs(unit * (np.vectorize(mp.mpf, otypes=[object])(found.astype(float)) - exact))
         yield what, mp.nan if np.isnan(found).any() else np.max(off) / (size or 1)
