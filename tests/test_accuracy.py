@@ -16,7 +16,15 @@ import mpmath as mp
 import numpy as np
 import pytest
 from tables import frozen
-from tables.closed_form_cases import CASES, EDGES, NAMES, NUMBER, ON_SCENES, Samples, evaluate
+from tables.closed_form_cases import (
+    CASES,
+    EDGES,
+    NAMES,
+    NUMBER,
+    ON_SCENES,
+    evaluate,
+    read_samples,
+)
 from tools.selection import first_by_default
 
 
@@ -33,9 +41,7 @@ class Truth(NamedTuple):
 
 def frozen_truth(name, dtype):
     """Samples of a case, with values and gradients; none where those are complex."""
-    asked, answers = frozen.entry("samples", name, np.dtype(dtype).name)
-    arguments, x = zip(*asked, strict=True)
-    samples = Samples(tuple(np.array(arguments).T), np.array(x))
+    samples, answers = read_samples(name, np.dtype(dtype).name)
     values = [frozen.number(value) for value, _ in answers]
     return samples, Truth(
         values, [[frozen.number(s) for s in slopes] for _, slopes in answers]

@@ -14,12 +14,12 @@ from corners import (
     PRECISIONS,
     STEP,
     Exact,
-    Function,
     arguments,
     scales,
     scene,
     speed_ratio,
     velocity_of,
+    with_derivatives,
 )
 from references import closed_forms
 from tables import frozen
@@ -27,21 +27,16 @@ from tables import frozen
 import jaxrock as jr
 
 
-def answers(function, numbers, reverse=False):
-    """Value, gradient and Hessian at all rows of numbers; forward, or forward over reverse."""
-    mode = jax.jacrev if reverse else jax.jacfwd
-
-    def of(row):
-        value = function.ours(*row)
-        return value, value
-
-    def first(row):
-        slope, value = mode(of, has_aux=True)(row)
-        return slope, (value, slope)
-
-    second = jax.jit(jax.vmap(jax.jacfwd(first, has_aux=True)))
-    hessian, (value, gradient) = second(numbers)
-    return tuple(np.asarray(part) for part in (value, gradient, hessian))
+def compute_cells(function, model_name, precision, mode=jax.jacfwd):
+    """The numbers of all corners, and value, gradient and Hessian there."""
+    dtype = PRECISIONS[precision]
+    rows = [arguments(corner, model_name, dtype) for corner in CORNERS]
+    compiled = jax.jit(
+        jax.vmap(with_derivatives(lambda numbers: function(*numbers), mode=mode))
+    )
+    found = [np.asarray(cell) for cell in compiled(jnp.asarray(np.array(rows), dtype))]
+    assert all(cell.dtype == dtype for cell in found)
+    return zip(CORNERS, rows, *found, strict=True)
 
 
 def frozen_truth(name, precision, corner, row):
@@ -61,21 +56,18 @@ def frozen_truth(name, precision, corner, row):
     return Exact(frozen.number(x), undecided, frozen.number(value), gradient, hessian)
 
 
-def failures(name: str, precision: str, reverse: bool = False) -> dict[tuple[str, str], str]:
+def failures(name: str, precision: str, mode=jax.jacfwd) -> dict[tuple[str, str], str]:
     """Corner and quantity of the cells that fail, with what is wrong."""
     function = FUNCTIONS[name]
-    dtype = PRECISIONS[precision]
-    rows = [arguments(corner, function.model_name, dtype) for corner in CORNERS]
-    found = answers(function, jnp.asarray(np.array(rows), dtype), reverse)
-    assert all(part.dtype == dtype for part in found)
     failed = {}
-    for corner, row, value, gradient, hessian in zip(CORNERS, rows, *found, strict=True):
+    cells = compute_cells(function.ours, function.model_name, precision, mode)
+    for corner, row, value, gradient, hessian in cells:
         exact = frozen_truth(name, precision, corner, row)
         with mp.workdps(50):
             wrong = {
                 "value": _value_is_wrong(exact, row, value),
-                "gradient": _gradient_is_wrong(function, exact, row, value, gradient),
-                "Hessian": _hessian_is_wrong(function, exact, row, value, hessian),
+                "gradient": _derivative_is_wrong(function, exact, row, value, gradient),
+                "Hessian": _derivative_is_wrong(function, exact, row, value, hessian),
             }
         failed |= {(corner, what): why for what, why in wrong.items() if why}
     return failed
@@ -87,24 +79,18 @@ def count_failures(model_name: str, precision: str) -> dict[tuple[str, str], str
     The velocity of that half-cycle reaches the critical one, and that of the one before does
     not, up to what rounding may change in them and in the count.
     """
-    dtype = PRECISIONS[precision]
-    model = MODELS[model_name]
-    rows = [arguments(corner, model_name, dtype) for corner in CORNERS]
-    function = Function(
-        lambda *a: jr.overturning_half_cycle(scene(*a), model),
-        lambda *a: None,
-        model_name,
-        "count",
-    )
+
+    def count(*numbers):
+        return jr.overturning_half_cycle(scene(*numbers), MODELS[model_name])
+
     failed = {}
-    found = answers(function, jnp.asarray(np.array(rows), dtype))
-    for corner, row, value, gradient, hessian in zip(CORNERS, rows, *found, strict=True):
+    for corner, row, value, *derivatives in compute_cells(count, model_name, precision):
         with mp.workdps(DIGITS_OF_WEAK):
             if not _is_overturning_half_cycle(value, tuple(map(mp.mpf, row)), model_name):
                 failed[corner, "value"] = f"{value} is not the half-cycle"
-        for what, derivatives in (("gradient", gradient), ("Hessian", hessian)):
-            if (derivatives != 0).any():
-                failed[corner, what] = f"{derivatives} instead of 0"
+        for what, derivative in zip(("gradient", "Hessian"), derivatives, strict=True):
+            if (derivative != 0).any():
+                failed[corner, what] = f"{derivative} instead of 0"
     return failed
 
 
@@ -146,58 +132,36 @@ def _value_is_wrong(exact, row, value):
     return None if error <= bound else _times(error, bound, value, exact.value)
 
 
-def _gradient_is_wrong(function, exact, row, value, gradient):
+def _derivative_is_wrong(function, exact, row, value, ours):
+    """An entry of the gradient, relative to itself, or of the Hessian, relative to all of it."""
     if exact.gradient is None or np.isnan(value):
-        return _must_vanish(exact, value, gradient)
-    relative = _lost(function, exact, gradient.dtype)
-    for ours, theirs, scale in zip(gradient, exact.gradient, scales(row), strict=True):
-        bound = relative * abs(theirs) + _nothing(exact, scale, gradient.dtype)
-        if not np.isfinite(ours):
-            return f"{ours} instead of {mp.nstr(theirs, 8)}"
-        error = abs(mp.mpf(float(ours)) - theirs)
-        if error > bound:
-            return _times(error, bound, ours, theirs)
-    return None
-
-
-def _hessian_is_wrong(function, exact, row, value, hessian):
-    if exact.gradient is None or np.isnan(value):
-        return _must_vanish(exact, value, hessian)
-    relative = _lost(function, exact, hessian.dtype)
-    scale = scales(row)
-    size = range(len(row))
-    total = sum(abs(scale[i] * scale[j] * exact.hessian[i][j]) for i in size for j in size)
-    for i in size:
-        for j in size:
-            ours = hessian[i, j]
-            theirs = exact.hessian[i][j]
-            bound = relative * total / (scale[i] * scale[j])
-            bound += _nothing(exact, scale[i] * scale[j], hessian.dtype)
-            if not np.isfinite(ours):
-                return f"{ours} instead of {mp.nstr(theirs, 8)} in {i, j}"
-            error = abs(mp.mpf(float(ours)) - theirs)
-            if error > bound:
-                return _times(error, bound, ours, theirs) + f" in {i, j}"
-    return None
-
-
-def _lost(function, exact, dtype):
-    """Relative error that a derivative may have, for what rounding takes from 1 - x^2."""
-    eps = float(np.finfo(dtype).eps)
+        # NaN or infinite; on the verge, where it should be neither, at least finite.
+        if np.isfinite(value):
+            return None if exact.undecided and np.isfinite(ours).all() else "not 0"
+        return None if (ours == 0).all() else f"{ours} instead of 0"
+    # What rounding takes from 1 - x^2.
     left = 1 - exact.x**2 if function.kind == "standing" else 1
-    return OF_DERIVATIVES * eps / left
+    relative = OF_DERIVATIVES * float(np.finfo(ours.dtype).eps) / left
+    theirs = np.array(exact.gradient if ours.ndim == 1 else exact.hessian)
+    scale = np.array(scales(row))
+    if ours.ndim == 1:
+        size = abs(theirs)
+    else:
+        scale = np.outer(scale, scale)
+        size = abs(scale * theirs).sum() / scale
+    for place in np.ndindex(ours.shape):
+        if not np.isfinite(ours[place]):
+            return f"{ours[place]} instead of {mp.nstr(theirs[place], 8)} in {place}"
+        bound = relative * size[place] + _nothing(exact, scale[place], ours.dtype)
+        error = abs(mp.mpf(float(ours[place])) - theirs[place])
+        if error > bound:
+            return _times(error, bound, ours[place], theirs[place]) + f" in {place}"
+    return None
 
 
 def _nothing(exact, scale, dtype):
     """What may as well be 0: numbers that are flushed, and the error of the differences."""
     return FLUSHED * float(np.finfo(dtype).tiny) + 10**10 * STEP * abs(exact.value) / scale
-
-
-def _must_vanish(exact, value, derivatives):
-    """Where the value is NaN or infinite; on the verge, where it should be, at least finite."""
-    if np.isfinite(value):
-        return None if exact.undecided and np.isfinite(derivatives).all() else "not 0"
-    return None if (derivatives == 0).all() else f"{derivatives} instead of 0"
 
 
 def _times(error, bound, ours, theirs):

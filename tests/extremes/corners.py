@@ -4,9 +4,11 @@ A cell is a function at a corner in one precision: its value, its gradient to th
 numbers of a scene, or its Hessian. It meets the bounds below.
 """
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
+import jax
 import mpmath as mp
 import numpy as np
 from references import closed_forms
@@ -128,7 +130,7 @@ def velocity_of(b, slenderness, gravity, restitution, intensity, count):
     return first * sum_of_powers(restitution, count)
 
 
-def _functions():
+def _functions() -> Iterator[tuple]:
     for name, ours, count, kind in (
         ("launch_velocity", jr.launch_velocity, 1, "finite"),
         (
@@ -141,12 +143,10 @@ def _functions():
     ):
         yield (
             name,
-            Function(
-                lambda *a, f=ours: f(scene(*a)),
-                lambda *a, n=count: velocity_of(*a, n),
-                "Linearized",
-                kind,
-            ),
+            lambda *a, f=ours: f(scene(*a)),
+            lambda *a, n=count: velocity_of(*a, n),
+            "Linearized",
+            kind,
         )
     for model_name, model in MODELS.items():
         theirs = getattr(closed_forms, model_name)
@@ -159,26 +159,20 @@ def _functions():
         ):
             yield (
                 f"{model_name} {name}",
-                Function(
-                    lambda *a, f=getattr(jr, name), m=model: f(scene(*a), m),
-                    lambda *a, f=closed_forms.stabilized(name), t=theirs: f(t, *a),
-                    model_name,
-                    "margin" if name == "overturning_margin" else "standing",
-                ),
+                lambda *a, f=getattr(jr, name), m=model: f(scene(*a), m),
+                lambda *a, f=closed_forms.stabilized(name), t=theirs: f(t, *a),
+                model_name,
+                "margin" if name == "overturning_margin" else "standing",
             )
         for count in (1, 10**6, mp.inf):
             yield (
                 f"{model_name} critical_intensity({float(count):.4g})",
-                Function(
-                    lambda b, s, g, c, i, n=float(count), m=model: jr.critical_intensity(
-                        jr.Block(b, s, g), c, n, m
-                    ),
-                    lambda b, s, g, c, i, n=count, t=theirs: _critical_intensity(
-                        t, b, s, g, c, n
-                    ),
-                    model_name,
-                    "finite",
+                lambda *a, n=float(count), m=model: jr.critical_intensity(
+                    jr.Block(*a[:3]), a[3], n, m
                 ),
+                lambda *a, n=count, t=theirs: _critical_intensity(t, *a[:4], n),
+                model_name,
+                "finite",
             )
 
 
@@ -190,7 +184,7 @@ def _critical_intensity(theirs, b, slenderness, gravity, restitution, count):
     return critical / velocity_of(b, slenderness, gravity, restitution, mp.mpf(1), count)
 
 
-FUNCTIONS = dict(_functions())
+FUNCTIONS = {name: Function(*rest) for name, *rest in _functions()}
 
 
 class Exact(NamedTuple):
@@ -226,30 +220,46 @@ def expected(function: Function, corner: str, dtype: type) -> Exact:
             return Exact(x, False, value, None, None)
         if x >= 1 and function.kind == "standing":
             return Exact(x, undecided, mp.nan, None, None)
-        return Exact(
-            x, undecided and function.kind == "standing", *_differences(function, numbers)
-        )
+        steps = [STEP * (n if n > 0 else 1) for n in numbers]
+        exact = differentiate(function.theirs, numbers, steps)
+        return Exact(x, undecided and function.kind == "standing", *exact)
 
 
-def _differences(function, numbers):
+def differentiate(function, numbers, steps, second=True):
     """Value and first and second derivatives, from forward differences by very small steps."""
-    steps = [STEP * (n if n > 0 else 1) for n in numbers]
 
+    @functools.cache
     def at(*raised):
-        return function.theirs(
-            *(n + raised.count(k) * steps[k] for k, n in enumerate(numbers))
-        )
+        return function(*(n + raised.count(k) * steps[k] for k, n in enumerate(numbers)))
+
+    def bend(i, j):
+        return (at(i, j) - at(i) - at(j) + at()) / (steps[i] * steps[j])
 
     size = range(len(numbers))
-    value = at()
-    first = [at(i) for i in size]
-    gradient = [(first[i] - value) / steps[i] for i in size]
-    hessian = [[mp.mpf(0)] * len(numbers) for _ in size]
-    for i in size:
-        for j in range(i + 1):
-            bent = at(i, j) - first[i] - first[j] + value
-            hessian[i][j] = hessian[j][i] = bent / (steps[i] * steps[j])
-    return value, gradient, hessian
+    gradient = [(at(i) - at()) / steps[i] for i in size]
+    hessian = [[bend(max(i, j), min(i, j)) for j in size] for i in size] if second else []
+    return at(), gradient, hessian
+
+
+def with_derivatives(function, second=True, mode=jax.jacfwd):
+    """A function with its first and second derivatives along its first argument, as one program.
+
+    Second derivatives are those forward of the first ones, which are in the `mode`.
+    """
+
+    def value(*given):
+        answer = function(*given)
+        return answer, (answer,)
+
+    def slope(*given):
+        gradient, known = mode(value, has_aux=True)(*given)
+        return gradient, (*known, gradient)
+
+    def bend(*given):
+        hessian, known = jax.jacfwd(slope, has_aux=True)(*given)
+        return *known, hessian
+
+    return bend if second else lambda *given: slope(*given)[1]
 
 
 def scales(numbers) -> tuple:

@@ -4,18 +4,21 @@ All motions are a rectangular pulse on a block that rests or is launched: a cons
 only turns gravity and makes it stronger, so that a block under it, too, is a pendulum.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
+from corners import BASE, CORNERS, differentiate, with_derivatives
 from references import closed_forms
 
 import jaxrock as jr
 
 ANSWERS = ("peak", "margin", "first impact", "its velocity", "final rotation")
 OF_BATCH = ("peak", "margin", "final rotation")
+QUANTITIES = ("value", "gradient", "Hessian")
 DIGITS = 100
 STEP = mp.mpf(10) ** -25
 
@@ -70,19 +73,10 @@ def _pushed(duration=None, **numbers):
 
 
 def _cases(excess):
-    blocks = {
-        "in the middle": {},
-        "C = 0": {"restitution": 0.0},
-        "C = 1 - 1e-15": {"restitution": 1 - 1e-15},
-        "C = 1": {"restitution": 1.0},
-        "λ = 0.1": {"slenderness": 0.1},
-        "λ = 1e4": {"slenderness": 1e4},
-        "b = 0.1 mm": {"b": 1e-4},
-        "b = 1 km": {"b": 1e3},
-        "on the Moon": {"gravity": 1.62},
-        "in a centrifuge": {"gravity": 981.0},
-    }
-    for name, numbers in blocks.items():
+    for name, corner in CORNERS.items():
+        if corner["intensity"] != BASE["intensity"]:
+            continue
+        numbers = {key: value for key, value in corner.items() if key != "intensity"}
         yield f"{name}, launched", _followed(_launched(**numbers))
         yield f"{name}, pushed", _followed(_pushed(**numbers))
     yield "pushed for 1 µs", _followed(_pushed(1e-6))
@@ -140,7 +134,7 @@ def flight(numbers) -> Flight:
     return Flight(launch, landing, min(outward, 1 - restitution * launch / critical))
 
 
-def closed_form(case: Case, numbers) -> list:
+def closed_form(case: Case, *numbers) -> np.ndarray:
     """All answers at numbers near those of the case."""
     model = closed_forms.Nonlinear
     block = numbers[:3]
@@ -151,7 +145,8 @@ def closed_form(case: Case, numbers) -> list:
         last = landing + _bounces(block, restitution, launch, case.impacts - 1)
         left = restitution**case.impacts * launch
         rotation = (-1) ** case.impacts * model.motion(*block, left, case.followed - last)[0]
-    return [model.peak_rotation(*block, launch), margin, landing, -launch, rotation]
+    peak = model.peak_rotation(*block, launch)
+    return np.array([peak, margin, landing, -launch, rotation])
 
 
 def _bounces(block, restitution, launch, number):
@@ -183,39 +178,6 @@ def _followed(case: Case, seconds: float | None = None) -> Case:
 
 with mp.workdps(DIGITS):
     CASES = {precision: dict(_cases(excess)) for precision, excess in JUST.items()}
-
-
-class Exact(NamedTuple):
-    values: list
-    gradients: list  # of each answer
-    hessians: list
-
-
-def expected(case: Case, second: bool) -> Exact:
-    """From forward differences by very small steps."""
-    with mp.workdps(DIGITS):
-        numbers = tuple(map(mp.mpf, case.numbers))
-        steps = [STEP * scale for scale in scales(case)]
-        size = range(len(numbers))
-
-        def at(*raised):
-            moved = (n + raised.count(k) * steps[k] for k, n in enumerate(numbers))
-            return closed_form(case, tuple(moved))
-
-        value = at()
-        first = [at(i) for i in size]
-        answers = range(len(value))
-        gradients = [[(first[i][k] - value[k]) / steps[i] for i in size] for k in answers]
-        if not second:
-            return Exact(value, gradients, [])
-        both = {(i, j): at(i, j) for i in size for j in range(i + 1)}
-
-        def bent(k, i, j):
-            rise = both[max(i, j), min(i, j)][k] - first[i][k] - first[j][k] + value[k]
-            return rise / (steps[i] * steps[j])
-
-        hessians = [[[bent(k, i, j) for j in size] for i in size] for k in answers]
-        return Exact(value, gradients, hessians)
 
 
 def scales(case: Case) -> tuple:
@@ -261,7 +223,7 @@ def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[s
     dtype = np.dtype(precision)
     run, names = SOLVERS[solver]
     kept = [ANSWERS.index(name) for name in names]
-    compiled = jax.jit(_with_derivatives(run, hessian))
+    compiled = jax.jit(with_derivatives(run, hessian))
     failed = {}
     for name, case in CASES[precision].items():
         numbers = jnp.asarray(case.numbers, dtype)
@@ -271,11 +233,17 @@ def failures(solver: str, precision: str, hessian: bool = False) -> dict[tuple[s
         if case.fate:
             failed |= _not_its_fate(name, case.fate, names, found)
             continue
-        exact = expected(given, hessian)
-        scale = scales(given)
+        with mp.workdps(DIGITS):
+            at = tuple(map(mp.mpf, given.numbers))
+            scale = np.array(scales(given))
+            closed = functools.partial(closed_form, given)
+            exact = differentiate(closed, at, STEP * scale, hessian)
         for k, which in enumerate(kept):
-            errors = _errors(exact, which, [part[k] for part in found], scale)
-            for what, error in errors.items():
+            for what, error in _list_errors(
+                [np.array(cell)[..., which] for cell in exact if len(cell)],
+                [cell[k] for cell in found],
+                [1, scale, np.outer(scale, scale)],
+            ):
                 if not error <= BOUNDS[solver, precision][what]:
                     words = f" {names[k]} off by {mp.nstr(error, 3)}"
                     failed[name, what] = failed.get((name, what), "") + words
@@ -293,45 +261,18 @@ def _not_its_fate(name, fate, names, found):
         value, *derivatives = (part[names.index(answer)] for part in found)
         if value != np.dtype(value.dtype).type(end):
             failed[name, "value"] = f"{answer} is {value}"
-        for what, derivative in zip(("gradient", "Hessian"), derivatives, strict=False):
+        for what, derivative in zip(QUANTITIES[1:], derivatives, strict=False):
             if (derivative != 0).any():
                 failed[name, what] = f"{answer} has derivatives {derivative}"
     return failed
 
 
-def _with_derivatives(run, hessian):
-    def of(numbers, followed):
-        value = run(numbers, followed)
-        return value, (value,)
-
-    def first(numbers, followed):
-        slope, value = jax.jacfwd(of, has_aux=True)(numbers, followed)
-        return slope, (*value, slope)
-
-    def second(numbers, followed):
-        bent, values = jax.jacfwd(first, has_aux=True)(numbers, followed)
-        return *values, bent
-
-    return second if hessian else lambda *given: first(*given)[1]
-
-
-def _errors(exact, which, found, scale):
+def _list_errors(theirs, ours, scale):
     """Of value, gradient and Hessian of an answer, relative to what it hangs on."""
-    size = range(len(scale))
-    pairs = [(i, j) for i in size for j in size]
-    theirs = [
-        [exact.values[which]],
-        [scale[i] * exact.gradients[which][i] for i in size],
-    ]
-    ours = [[found[0]], [scale[i] * mp.mpf(float(found[1][i])) for i in size]]
-    if exact.hessians:
-        theirs.append([scale[i] * scale[j] * exact.hessians[which][i][j] for i, j in pairs])
-        ours.append([scale[i] * scale[j] * mp.mpf(float(found[2][i, j])) for i, j in pairs])
-    felt = abs(theirs[0][0]) + sum(map(abs, theirs[1]))
-    errors = {}
-    for what, one, other in zip(("value", "gradient", "Hessian"), ours, theirs, strict=False):
-        if what == "Hessian":
-            felt += sum(map(abs, other))
-        off = [abs(mp.mpf(float(a)) - b) for a, b in zip(one, other, strict=True)]
-        errors[what] = mp.nan if any(map(mp.isnan, off)) else max(off) / (felt or 1)
-    return errors
+    sizes = [np.sum(abs(unit * exact)) for unit, exact in zip(scale, theirs, strict=False)]
+    felt = [sizes[0] + sizes[1]] * 2 + [sum(sizes)]
+    for what, exact, found, unit, size in zip(
+        QUANTITIES, theirs, ours, scale, felt, strict=False
+    ):
+        off = abs(unit * (np.vectorize(mp.mpf, otypes=[object])(found.astype(float)) - exact))
+        yield what, mp.nan if np.isnan(found).any() else np.max(off) / (size or 1)

@@ -4,14 +4,12 @@ Many blocks side by side in NumPy, each at its own pace, by the stages of SciPy'
 step ends where the input has a corner and never goes beyond the next peak, dip or impact:
 those are found by taking the step again with another length, so that neither an interpolant
 nor the ends of steps decide what the largest rotation is.
-``python tests/references/stepping.py`` writes the tables, for which it searches the shipped
-record for cases that do not depend on the tolerance. With names of new shapes, such as
-``python tests/references/stepping.py Triangular``, it appends the rows of these alone.
+The tables named here have its answers for blocks and pulses drawn at random, at a relative
+tolerance of 1e-12 (1e-13 for blocks that are barely lifted or stand against a wall). Under the
+shipped record, a case is stable where an input that is off by 1e-12 gives the same outcome and
+the same peak to 1e-9.
 """
 
-import csv
-import itertools
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -476,134 +474,3 @@ def count_strong(velocities):
     """Count the impacts that are not tiny bounces."""
     speeds = np.abs(velocities)
     return int((speeds > STRONG * speeds.max(initial=0.0)).sum())
-
-
-NUMBERS = ["half_width", "slenderness", "restitution", "amplitude", "duration"]
-
-
-def _write(path, names, rows, mode="w"):
-    with open(path, mode, newline="", encoding="utf-8") as out:
-        writer = csv.writer(out, lineterminator="\n")
-        if mode == "w":
-            writer.writerow(names)
-        writer.writerows(rows)
-
-
-def _list_rows(shape, numbers, *answers):
-    columns = [column.tolist() for column in (*numbers, *answers)]
-    return [(shape, *map(repr, row)) for row in zip(*columns, strict=True)]
-
-
-def _round(*numbers):
-    return np.array([[float(f"{x:.6g}") for x in column] for column in numbers])
-
-
-def _ridgecrest(rng):
-    """Blocks under the shipped record: which of them rounding of the input leaves as they are."""
-    file = Path(__file__).parents[2] / "jaxrock" / "data" / "ridgecrest_2019_clc.csv"
-    samples = np.loadtxt(file, delimiter=",", skiprows=6).T * 9.80665
-    cases = []
-    for k in range(160):
-        slenderness = round(float(rng.uniform(2, 9)), 2)
-        housner = round(1 - 1.5 / (1 + slenderness**2), 4)
-        restitution = housner if k % 3 == 0 else round(float(rng.uniform(0.5, 0.95)), 3)
-        half_width = round(float(10 ** rng.uniform(-1.3, 0.3)), 3)
-        scale = round(float(rng.uniform(0.4, 3)), 2)
-        component = "east" if rng.random() < 0.5 else "north"
-        cases.append((half_width, slenderness, restitution, component, k % 2, scale))
-    rows = []
-    for component, vertical in itertools.product(("east", "north"), (0, 1)):
-        some = [case for case in cases if case[3:5] == (component, vertical)]
-        b, slenderness, c, scale = np.array([(*case[:3], case[5]) for case in some]).T
-        horizontal = samples[0 if component == "east" else 1]
-        # Side by side with an input that is off by its rounding.
-        both = np.concatenate([scale, scale * (1 + 1e-12)])
-        twice = Rocker(*(np.tile(each, 2) for each in (b, slenderness, c)))
-        r = follow(twice, record(horizontal, samples[2] * vertical, 0.01, both))
-        peak, other = r.peak.reshape(2, -1)
-        overturned, too = r.overturned.reshape(2, -1)
-        stable = (overturned == too) & (overturned | (np.abs(peak - other) < 1e-9 * peak))
-        outcome = zip(peak.tolist(), overturned, r.impacts, stable, strict=False)
-        rows += [
-            (*case, repr(peak), *map(int, rest))
-            for case, (peak, *rest) in zip(some, outcome, strict=True)
-            if peak > 0
-        ]
-    names = [
-        "component",
-        "vertical",
-        "scale",
-        "peak_rotation",
-        "overturned",
-        "impacts",
-        "stable",
-    ]
-    _write(CASES, [*NUMBERS[:3], *names], rows)
-
-
-def _pulses(rng, count=1000):
-    """Blocks under short pulses of both signs, where the bounce that follows may be highest."""
-    rows = []
-    for shape in ("Sine", "Cosine", "Ricker"):
-        b = 10 ** rng.uniform(-1.3, 0.5, count)
-        duration = 10 ** rng.uniform(-3, -0.3, count)
-        slenderness = rng.uniform(1, 10, count)
-        c = rng.uniform(0.3, 0.98, count)
-        amplitude = 9.81 / slenderness * 10 ** rng.uniform(0.02, 1, count)
-        numbers = _round(b, slenderness, c, amplitude, duration)
-        r = follow(Rocker(*numbers[:3]), pulse(shape, *numbers[3:]))
-        rows += _list_rows(shape, numbers, r.peak, r.overturned.astype(int))
-    _write(PULSES, ["shape", *NUMBERS, "peak_rotation", "overturned"], rows)
-
-
-def _barely_lifted(rng, count=40, shapes=tuple(SHAPES), mode="w"):
-    """Blocks under pulses from a ten-thousandth above uplift on, which hardly move."""
-    rows = []
-    for shape in shapes:
-        b = 10 ** rng.uniform(-1.3, 0.5, count)
-        duration = 10 ** rng.uniform(-2.3, 0, count)
-        slenderness = rng.uniform(1, 10, count)
-        c = rng.uniform(0, 0.95, count)
-        amplitude = 9.81 / slenderness * (1 + 10 ** rng.uniform(-4, -0.1, count))
-        r = follow(Rocker(b, slenderness, c), pulse(shape, amplitude, duration), rtol=1e-13)
-        rows += _list_rows(shape, [b, slenderness, c, amplitude, duration], r.peak)
-    _write(BARELY_LIFTED, ["shape", *NUMBERS, "peak_rotation"], rows, mode)
-
-
-def _against_wall(rng, count=200, shapes=tuple(SHAPES), mode="w"):
-    """Blocks that rock to one side, barely lifted, bouncing, or overturned."""
-    rows = []
-    for shape in shapes:
-        b = 10 ** rng.uniform(-1.3, 0.5, count)
-        slenderness = rng.uniform(1.5, 12, count)
-        c = np.where(
-            rng.random(count) < 0.5, rng.uniform(0.4, 0.5, count), rng.uniform(0, 0.95, count)
-        )
-        duration = 10 ** rng.uniform(-2, 0.3, count)
-        barely = 1 + 10 ** rng.uniform(-4, -1, count)
-        strong = 10 ** rng.uniform(0.02, 1, count)
-        over = np.where(rng.random(count) < 0.3, barely, strong)
-        # A push towards the wall lifts no block: a few for shapes that push one way only.
-        towards = 0.03 if shape in ("Rectangular", "HalfSine") else 0.5
-        sign = np.where(rng.random(count) < towards, -1.0, 1.0)
-        numbers = _round(b, slenderness, c, sign * 9.81 / slenderness * over, duration)
-        rocker = Rocker(*numbers[:3], one_sided=True)
-        r = follow(rocker, pulse(shape, *numbers[3:]), 3.0, rtol=1e-13)
-        strong_impacts = np.array([count_strong(each) for each in r.impact_velocities])
-        rows += _list_rows(shape, numbers, r.peak, r.overturned.astype(int), strong_impacts)
-    names = ["shape", *NUMBERS, "peak_rotation", "overturned", "impacts"]
-    _write(AGAINST_WALL, names, rows, mode)
-
-
-def main(new_shapes):
-    """Write the tables of cases, or append the rows of new shapes."""
-    new = {"shapes": new_shapes, "mode": "a"} if new_shapes else {}
-    _against_wall(np.random.default_rng(4), **new)
-    _barely_lifted(np.random.default_rng(3), **new)
-    if not new:
-        _ridgecrest(np.random.default_rng(1))
-        _pulses(np.random.default_rng(2))
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -1,7 +1,7 @@
 """What of mpmath is frozen: ``python tests/tools/freezing.py [TABLE ...]`` computes it anew.
 
-An entry is a key, what was asked (numbers, some of which come from samplers), and the answer
-in more digits than the tests distinguish.
+An entry is a key, what was asked (numbers), and the answer in more digits than the tests
+distinguish. Samples keep their arguments: a new case first needs a line with those of another one.
 """
 
 import sys
@@ -19,7 +19,7 @@ mp.mp.dps = 70  # as in the tests; some constants of the cases are made when the
 
 import numpy as np
 from tables import frozen
-from tables.closed_form_cases import CASES, EDGES, NUMBER, ON_SCENES, SEED
+from tables.closed_form_cases import CASES, EDGES, ON_SCENES
 
 sys.path.append(str(TESTS / "extremes"))
 import corners
@@ -35,9 +35,7 @@ class Table(NamedTuple):
 
 
 def _samples(name, precision):
-    samples = CASES[name].sample(np.random.default_rng(SEED), NUMBER, np.dtype(precision).type)
-    arguments = np.stack(samples.arguments, axis=-1).tolist()
-    return [list(pair) for pair in zip(arguments, samples.x.tolist(), strict=True)]
+    return frozen.entry("samples", name, precision)[0]
 
 
 def _at_samples(asked, name, precision):
@@ -56,8 +54,8 @@ def _at(function, arguments, precision):
 
 
 def _edge(name, edge):
-    arity = len(CASES[name].sample(np.random.default_rng(0), 1, np.float64).arguments)
-    return list(EDGES[edge][:arity])
+    ((arguments, _), *_), _ = frozen.entry("samples", name, "float64")
+    return list(EDGES[edge][: len(arguments)])
 
 
 def _on_edge(asked, name, edge):
