@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scenes
 import xarray
-from references.half_sine_rates import DURATIONS, OFTEN, POWER, closed_rate, pulses, verge
+from references.half_sine_rates import OFTEN, POWER, closed_rate, pulses
 from scipy import optimize
 from tools.command import run
 
@@ -142,21 +142,6 @@ def test_rates_in_closed_form(assessed):
     np.testing.assert_allclose(assessed.rate, exact[order], rtol=5e-4)
 
 
-def test_curves_in_closed_form(assessed):
-    """The lognormal median, and the uplift intensity."""
-    for name, half_width, slenderness in zip(NAMES, HALF_WIDTHS, SLENDERNESSES, strict=True):
-        curve = assessed.sel(object=name)
-        boundaries = np.array(
-            [float(verge("pgv", d, half_width, slenderness, 4 / 3)) for d in DURATIONS]
-        )
-        assert boundaries.min() < float(curve["median"]) < boundaries.max()
-        # PGV of a half-sine that lifts: g alpha_c integrated over it.
-        # Of a lognormal curve the median is the geometric mean over the records.
-        middle = np.exp(np.log(DURATIONS).mean())
-        uplift = 9.81 * np.arctan(1 / slenderness) * 2 * middle / np.pi
-        assert float(curve.uplift_intensity) == pytest.approx(uplift, rel=1e-3)
-
-
 def test_required_widths_in_closed_form(assessed):
     for k in range(4):
         block = assessed.isel(object=k)
@@ -253,15 +238,6 @@ def test_a_mixed_inventory_is_that_of_its_groups(noise_site):
             assert bool(answer.one_sided) == one_sided[k[0]]
             assert float(answer.floor_period) == period[k[0]]
             assert np.isnan(answer.floor_damping) == (period[k[0]] == 0)
-
-
-def test_picture(assessed):
-    ax = plot_inventory(assessed)
-    assert len(ax.get_yticklabels()) == 4
-    np.testing.assert_array_equal(ax.lines[-1].get_xdata(), [TARGET, TARGET])
-    (points,) = (line for line in ax.lines if line.get_marker() == "D")
-    np.testing.assert_array_equal(np.sort(points.get_xdata()), np.sort(assessed.rate))
-    plt.close(ax.figure)
 
 
 def test_page(assessed):
