@@ -344,30 +344,21 @@ def test_the_example_is_written_and_assessed(tmp_path, capsys, monkeypatch, asse
     """Its files are those that were assessed, and nothing is overwritten."""
     calls = []
 
-    def take_known(inventory, site, target, **_):
-        calls.append((inventory, site, target))
+    def take_known(*arguments, **_):
+        calls.append(arguments)
         return assessed.isel(object=np.arange(31) % 4)
 
     monkeypatch.setattr("jaxrock.risk.assess_inventory", take_known)
-    monkeypatch.chdir(tmp_path)
-    code, text, _ = run(capsys, "inventory", "example", "--out", "here")
-    assert code == 0
+    command = ("inventory", "example", "--out", tmp_path)
+    assert run(capsys, *command)[0] == 0
     inventory, site, target = calls[0]
     assert target == 1 / 2475
-    assert read_inventory(tmp_path / "here" / "objects.csv").names == inventory.names
-    written = jr.risk.read_hazard(tmp_path / "here" / "hazard.csv")
+    assert read_inventory(tmp_path / "objects.csv").names == inventory.names
+    written = jr.risk.read_hazard(tmp_path / "hazard.csv")
     np.testing.assert_array_equal(written.rates, site.hazard.rates)
-    assert str(site.hazard).startswith("EXAMPLE hazard, of no real place: hazard of pgv")
-    page = (tmp_path / "here" / "inventory.html").read_text(encoding="utf-8")
-    assert page.count("<img ") == 1
-    assert "its objects and its hazard are made up" in text
-    (command,) = re.findall(r"^ +jaxrock (.*)$", text, re.M)
-    code, _, err = run(capsys, "inventory", "example", "--out", "here")
+    assert "<img " in (tmp_path / "inventory.html").read_text(encoding="utf-8")
+    code, _, err = run(capsys, *command)
     assert (code, "exists; --force overwrites it" in err) == (2, True)
-    # The command that the text names works as it stands.
-    assert run(capsys, *command.split())[0] == 0
-    assert calls[1][0].names == inventory.names
-    assert calls[1][2] == 1 / 2475
 
 
 RECORDS = (("a", 0.2), ("b", 0.3))
