@@ -231,13 +231,13 @@ def test_help_shows_an_example(capsys, name):
     assert f"Example: jaxrock {name} " in text
 
 
-def test_warnings_are_lines(capsys):
+def test_a_warning_is_a_line(capsys, tmp_path):
+    wide = ("spectrum", "--slenderness", 5, "--width", 80, "--out", tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
-        code, out, err = run(capsys, "assess", "--width", 600, "--height", 3000, "--json")
+        code, _, err = run(capsys, *wide)
     assert code == 0
-    assert err.startswith("jaxrock: warning: width is 600 m")
-    assert json.loads(out)["scene"]["width"] == pytest.approx(600)
+    assert err.splitlines()[-1] == "jaxrock: warning: width is 80 m: sizes are in metres"
 
 
 def test_a_folder_or_a_disk_that_cannot_be_written(capsys, tmp_path, monkeypatch):
