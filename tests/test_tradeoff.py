@@ -17,7 +17,7 @@ def test_measured(resonance):
     rows = jr.accuracy.measure_tradeoff(scene, repeats=1)
     _, ax = plt.subplots()
     assert plot_tradeoff(rows, ax=ax) is ax
-    plt.close(ax.figure)
+    plt.close("all")
     on_front = rows.error.values[rows.front.values == 1]
     assert on_front.max() / on_front.min() > 1e5
     default = rows.where((rows.default == 1) & (rows.bits == 64), drop=True)
