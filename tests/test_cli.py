@@ -201,8 +201,9 @@ def test_validate(capsys, tmp_path, monkeypatch):
     options = ("--splits", 2, "--samples", 64, "--seed", 1)
     found = read_answer(capsys, "validate", "tests.csv", *options)
     tests = read_tests("tests.csv")
-    drawn = {"splits": 2, "samples": 64, "seed": 1}
-    scores = cross_validate(tests.suite, tests.overturned, tests.groups, **drawn)
+    scores = cross_validate(
+        tests.suite, tests.overturned, tests.groups, splits=2, samples=64, seed=1
+    )
     means = [row["brier"] for row in found["scores"]]
     np.testing.assert_allclose(means, scores.brier.mean("split"), rtol=1e-12)
     with xarray.open_dataset("validation/validation.nc") as dataset:
