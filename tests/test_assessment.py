@@ -1,5 +1,3 @@
-import math
-
 import jax
 import numpy as np
 import pytest
@@ -71,14 +69,3 @@ def test_sensitivities_to_the_sides():
             assert answers["elasticities"][key] == pytest.approx(
                 slope * side / value, rel=1e-6
             )
-
-
-@pytest.mark.thorough
-def test_a_block_that_overturns():
-    found = jr.reports.assess(BLOCK, 0.97, 0.15)
-    for answers in found["models"].values():
-        assert answers["overturning_half_cycle"] == 8
-        assert all(math.isnan(v) for v in answers["stabilized"].values())
-        assert all(math.isnan(v) for v in answers["derivatives"].values())
-    assert "it overturns in half-cycle 8" in str(found)
-    assert "nan" not in found.details()

@@ -165,25 +165,6 @@ def test_second_derivatives(name):
     np.testing.assert_allclose(second, second.T, rtol=1e-10, atol=1e-10 * np.max(scale))
 
 
-@pytest.mark.thorough
-def test_derivative_where_nothing_is_lost():
-    """At C = 1 two margins vanish at once. From one-sided differences of four sizes."""
-    block = jr.Block(0.2, 5.0)
-    factors = (1.1, 6.0)
-
-    def amplitude(c):
-        return jr.critical_amplitude(block, c, jr.Sine, 0.5, factors).value[0]
-
-    value, slope = jax.value_and_grad(amplitude)(1.0)
-    assert float(value) == pytest.approx(3.9074925, rel=1e-7)
-    assert float(slope) == pytest.approx(-5.2229, rel=1e-4)
-
-    def margin(c):
-        return jr.respond_batch(block, c, jr.Sine(value, 0.5), 5.0).margin
-
-    assert float(jax.jvp(margin, (1.0,), (1.0,))[1]) == pytest.approx(-1.01401, rel=1e-5)
-
-
 def test_other_quantities_lead_to_the_same_boundary():
     """At a critical amplitude duration, size, shape, inertia and restitution are critical, too."""
     block = jr.Block(0.1, 5.0)

@@ -1,7 +1,5 @@
 """Fits to free and driven rocking: independent data, honest errors, repairs."""
 
-import re
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -164,17 +162,6 @@ def test_another_block():
     assert fit.repairs == ()
 
 
-@SLOW
-@DOUBLE
-def test_another_block_is_mended_by_a_free_frequency_parameter():
-    times = disturb(impacts(0.9, 0.85, 14), seed=6)
-    free = fit_free_rocking(times, jr.Block(0.13, 5.0), frequency_known=False)
-    error = float(free.standard_errors["frequency_parameter"])
-    assert abs(float(free.frequency_parameter) - P) < 4 * error < 0.1
-    assert free.block.half_width == pytest.approx(0.1, rel=0.05)
-    assert not any("durations" in text for text in free.remarks)
-
-
 @DOUBLE
 def test_a_change_of_restitution():
     """It is as large as it is said to be, and seldom said where there is none."""
@@ -195,21 +182,6 @@ def test_a_change_of_restitution():
 
 
 @DOUBLE
-def test_the_model_is_nonlinear_and_says_where_it_matters():
-    p, angle = describe_body(0.3, 2.0)
-    times = disturb(impacts(0.8, 0.85, 12, p, angle))
-    fit = fit_free_rocking(times, jr.Block(0.3, 2.0), repair=False)
-    other = fit_free_rocking(times, jr.Block(0.3, 2.0), model="linearized", repair=False)
-    error = float(fit.standard_errors["restitution"])
-    assert abs(float(fit.restitution) - 0.85) < 4 * error
-    assert float(other.restitution) - 0.85 > 6 * error
-    (remark,) = [text for text in fit.remarks if "the model matters" in text]
-    named = float(re.search(r"about ([\d.]+),", remark)[1])
-    # By one step, and of four digits.
-    assert abs(named - float(other.restitution)) < 0.5 * error + 5e-5
-
-
-@DOUBLE
 @pytest.mark.parametrize("kind", first_by_default(["growing", "random"]))
 def test_motions_that_are_no_free_rocking(kind):
     times = np.append(0, np.cumsum(2 / P * np.arctanh(0.3 * 1.1 ** np.arange(9))))
@@ -217,17 +189,6 @@ def test_motions_that_are_no_free_rocking(kind):
         times = np.random.default_rng(0).exponential(0.4, 12).cumsum()
     with pytest.raises(ValueError, match=r"^impact_times must be from free rocking"):
         fit_free_rocking(times, BLOCK)
-
-
-@SLOW
-def test_either_precision(eps):
-    """Times to a microsecond, as well as a float32 holds them."""
-    tolerance = max(1e-3 if eps > 1e-10 else 1e-5, eps)
-    times = jnp.asarray(np.round(impacts(0.9, 0.9, 12) - 1, 6))
-    fit = fit_free_rocking(times, BLOCK, frequency_known=False)
-    assert fit.restitution.dtype == jnp.result_type(float)
-    pair = (float(fit.restitution), float(fit.frequency_parameter))
-    np.testing.assert_allclose(pair, (0.9, P), rtol=tolerance)
 
 
 # A block on a table that moves like one sine, and what is measured of it.

@@ -6,7 +6,6 @@ import pytest
 from tables.random_scenes import NUMBER, apart, computed, lasting_scenes, scenes
 
 import jaxrock as jr
-from jaxrock.accuracy.cheapest_setting import CLOSED
 
 pytestmark = pytest.mark.float64
 
@@ -15,11 +14,12 @@ pytestmark = pytest.mark.float64
 def errors():
     """Of every closed form on offer, for each scene: the worst of the three answers."""
     given = scenes(5, NUMBER)
-    truth = computed(given, CLOSED[-1])  # which is good to 1e-12: test_accuracy
+    settings = jr.accuracy.choose(given, 1e-2).settings
+    truth = computed(given, settings[-1])  # which is good to 1e-12: test_accuracy
     return given, np.array(
         [
             np.max(jax.tree.leaves(jax.tree.map(apart, computed(given, setting), truth)), 0)
-            for setting in CLOSED
+            for setting in settings
         ]
     )
 
@@ -42,7 +42,8 @@ def test_promise(errors, tolerance):
 def test_promise_of_closed_forms_under_pulses_that_last(shape):
     """Stocky blocks, too, where those are not on offer."""
     given, duration, truth, lifted = lasting_scenes(6, NUMBER, shape)
-    found = [computed(given, setting) for setting in CLOSED]
+    settings = jr.accuracy.choose(given, 1e-2).settings
+    found = [computed(given, setting) for setting in settings]
     true = np.array(
         [np.max(jax.tree.leaves(jax.tree.map(apart, answers, truth)), 0) for answers in found]
     )
@@ -50,7 +51,7 @@ def test_promise_of_closed_forms_under_pulses_that_last(shape):
         choice = jr.accuracy.choose(given, tolerance, shape, duration)
         index = np.asarray(choice.index)
         stocky = np.asarray(given.block.slenderness) < 0.5
-        closed = np.asarray(choice.within_tolerance) & (index < len(CLOSED))
+        closed = np.asarray(choice.within_tolerance) & (index < len(settings))
         assert not (closed & stocky).any()
         assert closed.sum() > 20
         error = true[index[closed], np.nonzero(closed)[0]][lifted[closed]]

@@ -150,20 +150,6 @@ def test_questions_about_suites_share_a_program(compiled):
     assert sum("_follow_rows" in name for name in compiled) == 1
 
 
-@pytest.mark.thorough
-def test_derivatives_of_a_rate_take_one_program_whatever_moves(compiled):
-    place = site(0)
-
-    def rate(half_width, slenderness, restitution):
-        short = jr.Block(half_width, slenderness)
-        return jr.risk.overturning_rate(short, restitution, place).rate
-
-    jax.clear_caches()
-    for numbers in (0, 1, (0, 1, 2)):
-        jax.grad(rate, numbers)(0.1, 6.0, 0.8)
-    assert sum("_differentiate_residual" in name for name in compiled) == 1
-
-
 def respond(restitution):
     return jr.respond(block(0), restitution, pulse(0), 5.0)
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-from scenes import record, suite
+from scenes import suite
 from tools.selection import first_before_release, first_by_default
 
 import jaxrock as jr
@@ -98,21 +98,6 @@ def test_a_finer_step_has_the_same_motion(eps):
     assert fine.samples == 4 * (coarse.samples - 1) + 1
 
 
-def test_free_vibration_ends():
-    """After the floor has stayed below 1/1000 of its peak, or when it has lasted as long."""
-    ground = record(200)
-    damped = ground.on_floor(0.2, 0.3)
-    size = abs(np.asarray(damped.acceleration))
-    assert ground.samples < damped.samples < 2 * ground.samples - 1
-    assert size[-1] < 1e-3 * size.max() <= size[-2]
-    assert ground.on_floor(0.2, 0.0).samples == 2 * ground.samples - 1
-    whole = ground.on_floor(0.2, 0.3, free_vibration=3.98)
-    np.testing.assert_array_equal(
-        damped.acceleration, np.asarray(whole.acceleration)[: damped.samples]
-    )
-    assert ground.on_floor(0.2, 0.3, free_vibration=0.0).samples == ground.samples
-
-
 @pytest.mark.float64
 @pytest.mark.parametrize("period", first_by_default([0.0628, 0.004, 0.063, 0.5, 100.0]))
 @pytest.mark.parametrize("damping", first_before_release([0.05, 0.9], 1))
@@ -141,19 +126,6 @@ def test_derivatives_in_both_modes(period, damping):
         difference = (8 * near - far) / (12 * step)
         tolerance = 1e-8 * max(abs(float(forward[k])), 1.0)
         assert float(forward[k]) == pytest.approx(float(difference), abs=tolerance)
-
-
-@pytest.mark.thorough
-def test_floors_under_transformations():
-    ground = record(200)
-    periods = jnp.array([0.3, -1.0, 0.5])
-    found = jax.vmap(lambda period: ground.on_floor(period).acceleration)(periods)
-    batch = ground.on_floor(periods[::2], free_vibration=199 * 0.02).acceleration
-    np.testing.assert_allclose(found[::2], batch, rtol=0, atol=1e-4 * abs(batch).max())
-    # A period that is out of range leaves its neighbours and their derivatives alone.
-    assert np.isnan(found[1]).all()
-    slope = jax.grad(lambda periods: ground.on_floor(periods).acceleration[::2].sum())(periods)
-    assert np.isfinite(slope[::2]).all()
 
 
 @pytest.mark.thorough

@@ -21,10 +21,6 @@ def one(tree, k):
     return jax.tree.map(lambda leaf: leaf[k] if np.ndim(leaf) else leaf, tree)
 
 
-def in_float32(tree):
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
-
-
 def test_motion(eps):
     motion = Harmonic(-3.0, 8.0, 4, start=0.2)
     period = 2 * np.pi / 8
@@ -152,26 +148,6 @@ def test_lifted_in_every_half_cycle_or_never():
 
 @pytest.mark.thorough
 @pytest.mark.float64
-def test_long_and_fast_motions_against_each_other():
-    """Up to 200 periods, and a hundred times as fast as the block."""
-    for amplitude, frequency, cycles in ((30.0, 300.0, 200), (2.3, 1.0, 10)):
-        motion = Harmonic(amplitude, frequency, cycles, start=0.5)
-        r = jr.respond(BLOCK, 0.6, motion, rtol=1e-10)
-        found = jr.respond_batch(BLOCK, 0.6, motion)
-        assert bool(r.overturned) == bool(found.overturned)
-        assert float(found.peak_rotation) == pytest.approx(float(r.peak_rotation), rel=1e-7)
-        if not r.overturned:
-            assert float(found.margin) == pytest.approx(float(r.margin), rel=1e-7)
-    long = Harmonic(3.0, 12.0, 200)
-    inside = 61.7  # in the 118th period
-    r, found = (f(BLOCK, 0.6, long, inside) for f in (jr.respond, jr.respond_batch))
-    assert float(found.final_rotation) == pytest.approx(float(r.final_rotation), rel=1e-6)
-    rotation, _ = r.history(np.array([10.0, inside]))
-    assert float(rotation[1]) == pytest.approx(float(r.final_rotation), rel=1e-6)
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
 @pytest.mark.parametrize("place", [0, 1], ids=["amplitude", "frequency"])
 def test_derivatives_against_differences(place):
     point = 1.3 * UPLIFT, 9.0
@@ -192,28 +168,6 @@ def test_derivatives_against_differences(place):
         jax.jvp(batch, point, direction)[1],
     ):
         assert float(slope) == pytest.approx(difference, rel=1e-6)
-
-
-@pytest.mark.thorough
-def test_float32():
-    """The phase begins anew in each period: peaks keep their digits for hundreds of radians."""
-    rng = np.random.default_rng(1)
-    number = 60
-    block = jr.Block(rng.uniform(0.1, 0.5, number), rng.uniform(3, 8, number))
-    c = rng.uniform(0.3, 0.6, number)
-    uplift = 9.81 / np.asarray(block.slenderness)
-    motion = Harmonic(uplift * rng.uniform(1.1, 1.4, number), rng.uniform(8, 25, number), 200)
-    found = jr.respond_batch(*in_float32((block, c, motion)))
-    assert found.peak_rotation.dtype == np.float32
-    assert found.complete.all()
-    if jax.config.jax_enable_x64:
-        wide = jr.respond_batch(block, c, motion)
-        error = np.abs(np.asarray(found.peak_rotation) / np.asarray(wide.peak_rotation) - 1)
-        assert np.quantile(error, 0.9) < 1e-5
-        assert error.max() < 1e-3  # where impacts amplify it
-    r = jr.respond(*one(in_float32((block, c, motion)), 3))
-    assert r.peak_rotation.dtype == np.float32
-    assert float(r.peak_rotation) == pytest.approx(float(found.peak_rotation[3]), rel=1e-4)
 
 
 @pytest.mark.thorough

@@ -155,19 +155,6 @@ def test_limits_of_the_linearized_block(w, c, least, breaking):
     assert float(orbit.trace[2]) == pytest.approx(-(1 + c**2), rel=1e-7)
 
 
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_slender_blocks_are_linearized():
-    """The difference falls as the inverse square of the slenderness."""
-    blocks = jr.Block(0.2, np.array([10.0, 20.0, 40.0, 80.0]))
-    nonlinear, linearized = (orbit_of(blocks, 0.85, 3.0, 1.4, model) for model in MODELS[::-1])
-    unit = jr.Linearized().critical_velocity(blocks)
-    for name, scale in (("launch_velocity", unit), ("rotation_ratio", 1), ("trace", 1),
-                        ("phase", 1)):  # fmt: skip
-        gap = np.asarray((getattr(nonlinear, name) - getattr(linearized, name)) / scale)
-        np.testing.assert_allclose(gap[:-1] / gap[1:], 4, rtol=0.02)
-
-
 def numbers(at, model):
     block = jr.Block(at[0], at[1], at[5], at[6])
     orbit = harmonic_orbit(block, at[2], at[3], at[4], model=model)

@@ -210,20 +210,3 @@ def test_states_at_the_edges():
     np.testing.assert_array_equal(found.final_velocity[6:], velocity[6:])
     assert found.mode[6:].tolist() == [0, 0]
     assert found.impacts[6:].tolist() == [0, 0]
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_arrays_of_states_broadcast():
-    """What one does depends on no other, and traced states out of range give NaN."""
-
-    @jax.jit
-    @jax.vmap
-    def respond(rotation):
-        return jr.respond_batch(BLOCK, 0.8, jr.Sine(3.0, 0.5), 2.0, rotation=rotation)
-
-    rotation = jnp.array([0.1, -0.05, jnp.nan, 1.7])
-    mapped = respond(rotation)
-    together = jr.respond_batch(BLOCK, 0.8, jr.Sine(3.0, 0.5), 2.0, rotation=rotation[:2])
-    np.testing.assert_allclose(mapped.peak_rotation[:2], together.peak_rotation, rtol=1e-9)
-    assert mapped.status.tolist() == [0, 0, jr.Status.INVALID, jr.Status.INVALID]

@@ -12,7 +12,6 @@ import dask.array as da
 import jax
 import pytest
 import xarray
-from distributed import Client, LocalCluster
 from tables.grids import AXES, GRIDS
 from tools.selection import some_by_default
 
@@ -111,16 +110,6 @@ def test_a_run_that_is_killed_is_continued(tmp_path):
     assert_equal(stored.drop_attrs(), grid(chunks=None).drop_attrs())
 
 
-@pytest.mark.thorough
-@pytest.mark.filterwarnings("ignore::UserWarning")  # the port of the dashboard may be taken
-def test_a_cluster_of_two_processes(tmp_path):
-    function, chunks = GRIDS["rocking of a suite"]
-    with LocalCluster(n_workers=2, threads_per_worker=1) as cluster, Client(cluster) as client:
-        stored = write_zarr(function(chunks=chunks), tmp_path / "grid.zarr")
-        assert len({*client.run(os.getpid).values()}) == 2
-    assert_equal(stored.drop_attrs(), function().drop_attrs())
-
-
 def test_what_is_something_else_stays_as_it_is(tmp_path):
     """Stores of other questions and what is no store."""
     write_zarr(grid(), tmp_path / "grid.zarr")
@@ -140,18 +129,3 @@ def test_what_is_something_else_stays_as_it_is(tmp_path):
             write_zarr(made, tmp_path / name)
     assert [file.read_bytes() for file in files] == content
     assert {*files} == {file for file in tmp_path.rglob("*") if file.is_file()}
-
-
-@pytest.mark.parametrize(
-    ("chunks", "name", "message"),
-    [
-        ({"slenderness": 2}, "file/grid.zarr", "store: the folder .*file.* cannot be written"),
-        (None, "grid.zarr", "dataset must be lazy"),
-        ({"slenderness": (1, 3, 1)}, "grid.zarr", "uniform chunk sizes"),
-    ],
-)
-def test_what_cannot_be_written(tmp_path, chunks, name, message):
-    (tmp_path / "file").write_text("in the way")
-    with pytest.raises(ValueError, match=message):
-        write_zarr(grid(chunks=chunks), tmp_path / name)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -9,12 +9,11 @@ import mpmath as mp
 import numpy as np
 import pytest
 from references import closed_forms
-from tables.random_scenes import NUMBER, apart, computed, each, lasting_scenes, scenes
+from tables.random_scenes import NUMBER, Answers, apart, computed, each, lasting_scenes, scenes
 from tools.selection import first_by_default
 
 import jaxrock as jr
 from jaxrock.accuracy.cheapest_setting import CLOSED
-from jaxrock.accuracy.model_errors import Answers
 
 pytestmark = pytest.mark.float64
 COMPARED = 60

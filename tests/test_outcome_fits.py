@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
-from scenes import impact_times
 from scipy.special import expit, logit
 from scipy.stats import multivariate_normal, norm
 from tools.selection import first_before_release
@@ -290,22 +289,6 @@ def test_an_edge_is_fitted(edge):
     assert (float(fit.population.group_deviation) > 0) == ("group" not in edge)
 
 
-@SLOW
-def test_a_prior_decides_what_it_knows():
-    """Also that of a test of free rocking, or of a block."""
-    block = jr.Block(0.1, 5.0)
-    noise = np.random.default_rng(0).normal(0, 3e-3, 12)
-    times = impact_times(block, 0.9, 0.8) + noise
-    known = jr.calibration.fit_free_rocking(times, block, model="linearized")
-    for prior in ({"critical_angle": (0.2, 0.0), "restitution": (0.8, 0.01)}, known):
-        fit = fit_tests(prior=prior)
-        restitution = 0.8 if prior is not known else known.restitution
-        assert float(fit.restitution) == pytest.approx(float(restitution), rel=0.03)
-    assert float(fit.block.critical_angle) == pytest.approx(np.arctan(0.2), rel=0.2)
-    other = fit_tests(prior=jr.Block.from_parameters(3.0, 0.3))
-    assert float(other.block.critical_angle) > float(fit_tests().block.critical_angle)
-
-
 # Scores, and campaigns of which the truth is known
 
 
@@ -334,23 +317,6 @@ def test_scores_are_of_the_halves_that_are_documented():
     assert scores.split.values.tolist() == [5, 6]
     never = np.all([halve_by_hand(split) for split in range(SPLITS)], axis=0)
     np.testing.assert_array_equal(np.isnan(scores.probability[0]), never)
-
-
-@SLOW
-def test_nothing_of_a_held_out_test_is_fitted():
-    evidence = usual_fit()[1].evidence
-    fitted = halve_by_hand(0)
-
-    def search(changed):
-        overturned = np.array(evidence.data.overturned)
-        overturned[:TESTS] = np.where(changed, 1 - overturned[:TESTS], overturned[:TESTS])
-        data = evidence.data._replace(overturned=jnp.asarray(overturned))
-        changed_evidence = evidence._replace(data=data)
-        return posterior.search_mode(changed_evidence, count(fitted), np.zeros(11)).standard
-
-    unchanged = search(np.zeros(TESTS, bool))
-    np.testing.assert_array_equal(search(~fitted), unchanged)
-    assert np.any(search(fitted) != unchanged)
 
 
 @SLOW

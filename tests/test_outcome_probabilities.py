@@ -1,14 +1,11 @@
 """Probabilities of outcomes and their errors, against SciPy, closed forms, direct sampling."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import integrate, stats
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.plot import plot_outcome_probabilities, plot_sobol_indices
 from jaxrock.sensitivity.distributions import (
     compute_scores,
     draw_normal_numbers,
@@ -220,29 +217,3 @@ def test_pulses_and_noise():
     large = response.overturned | (response.peak_rotation > 0.5 * BLOCK.critical_angle)
     for outcome, expected in ((2, response.overturned), (1, large)):
         assert found.probability[outcome] == np.asarray(expected).mean()
-
-
-def test_pictures_of_probabilities():
-    record = jr.Record([0.0, 3.0, -3.0, 0.0], 0.2)
-    suite = jr.Suite([record, record.scaled(0.1)])
-    uncertain = jr.Uncertain({"width": 0.1})
-    found = jr.sensitivity.outcome_probabilities(BLOCK, 0.8, suite, uncertain)
-    ax = plot_outcome_probabilities(found)
-    np.testing.assert_allclose([bar.get_width() for bar in ax.patches], found.probability)
-    labels = [label.get_text() for label in ax.get_yticklabels()]
-    pairs = zip(found.outcomes, found.probability, strict=True)
-    assert labels == [f"{outcome}: {probability:.3f}" for outcome, probability in pairs]
-    ax = plot_sobol_indices(found, "peak")
-    indices = np.array([*found.first[0], *found.total[0]])
-    errors = np.array([*found.first_error[0], *found.total_error[0]])
-    # What noise hides has words instead of a bar.
-    is_known = (indices >= 2 * errors) & (errors < 0.25)
-    widths = [bar.get_width() for bar in ax.patches]
-    np.testing.assert_allclose(widths, np.where(is_known, indices, 0))
-    noisy = replace(found, total=np.full_like(found.total, 4.6), total_error=found.total + 9)
-    assert "within noise" in [
-        text.get_text() for text in plot_sobol_indices(noisy, "peak").texts
-    ]
-    assert "4.60" not in str(noisy)
-    with pytest.raises(ValueError, match="answer must be one of peak, rocks"):
-        plot_sobol_indices(found, "sways")

@@ -8,14 +8,11 @@ import pytest
 from hypothesis import given
 from scipy import optimize, stats
 
-import jaxrock as jr
-from jaxrock.calibration.outcomes.cross_validation import measure_tests
 from jaxrock.calibration.outcomes.scores import (
     compute_reliability,
     compute_scores,
     predict_by_intensity,
 )
-from jaxrock.ground_motion import measure_drift
 
 RANDOM = np.random.default_rng(8)
 PROBABILITY = RANDOM.uniform(size=60)
@@ -65,20 +62,6 @@ def test_reliability_counts_each_test_once_in_its_bins():
         assert table["observed_high"][k] == pytest.approx(interval.high, rel=1e-9)
 
 
-def test_reliability_at_the_ends_of_bins_and_without_tests():
-    probability = np.array([[0.0, 0.3, 0.7, 1.0, 1.0]])
-    overturned = np.array([False, True, False, True, True])
-    table = compute_reliability(probability, overturned, 0.9)
-    empty = table.pop("tests") == 0
-    np.testing.assert_array_equal(np.flatnonzero(~empty), [0, 3, 7, 9])
-    np.testing.assert_array_equal(table["predicted"][~empty], [0, 0.3, 0.7, 1])
-    for values in table.values():
-        np.testing.assert_array_equal(np.isnan(values), empty)
-    assert table["observed_low"][0] == 0
-    assert table["observed_high"][9] == 1
-    assert table["observed_low"][9] == pytest.approx(0.05**0.5)
-
-
 def test_a_rule_is_the_logistic_regression_of_greatest_posterior_density():
     intensity = 0.4 * np.exp(0.8 * RANDOM.standard_normal(80))
     overturned = RANDOM.uniform(size=80) < 1 / (1 + (intensity / 0.5) ** -2.5)
@@ -99,35 +82,3 @@ def test_a_rule_is_the_logistic_regression_of_greatest_posterior_density():
     # Whatever the unit, and whatever happened in the tests that are predicted.
     changed = predict_by_intensity(1000 * intensity, overturned ^ ~fitted, fitted)
     np.testing.assert_allclose(changed, computed, rtol=1e-6)
-
-
-def test_a_rule_is_finite_whatever_happened():
-    for intensity, outcomes in (
-        ([0.1, 0.2, 0.3, 0.4], [False, False, True, True]),
-        ([0.3], [True]),
-        ([0.1] * 10, [True, True] + [False] * 8),
-        ([0.1, 10.0] * 500, [False, True] * 500),
-    ):
-        overturned = np.array(outcomes)
-        fitted = np.ones(overturned.size, bool)
-        probability = predict_by_intensity(np.array(intensity), overturned, fitted)
-        assert ((probability > 0) & (probability < 1)).all()
-        assert compute_scores(probability, overturned)["log_score"] < math.log(2)
-
-
-def test_tests_are_measured_without_drift_and_on_the_ground():
-    step = 0.01
-    samples = np.random.default_rng(2).standard_normal((2, 1000))
-    # At rest at the end, where straight lines between samples are integrated exactly.
-    samples -= (samples.sum(axis=1) - 0.5 * (samples[:, 0] + samples[:, -1]))[:, None] / 999
-    offsets = np.array([0.3, -2.0])
-    steady = jr.Suite([jr.Record(row, step) for row in samples]).scaled(np.array([2.0, -1.0]))
-    table = jr.Suite(
-        [jr.Record(row + a, step) for row, a in zip(samples, offsets, strict=True)]
-    ).scaled(np.array([2.0, -1.0]))
-    for suite in (table, table.on_floor(period=0.3)):
-        measures = measure_tests(suite)
-        np.testing.assert_allclose(measures["pgv"], steady.measure("pgv"), rtol=1e-9)
-        np.testing.assert_allclose(measures["pga"], table.measure("pga"), rtol=1e-12)
-    for record, offset in zip(table, offsets, strict=True):
-        assert measure_drift(record).end == pytest.approx(offset * 999 * step, rel=1e-9)

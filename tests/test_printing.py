@@ -10,7 +10,6 @@ import jaxrock as jr
 from jaxrock.host import format_number
 
 BLOCK = jr.Block(0.1, 5.0)
-SINE = jr.Sine(3.0, 0.5)
 
 
 def test_a_number_or_the_range_of_an_array_and_its_unit():
@@ -37,13 +36,6 @@ def test_arguments_print_their_numbers_with_units(make, pieces):
     traced = []
     jax.eval_shape(lambda c: traced.append(str(make(c))), c)
     assert "traced" in traced[0]
-
-
-def test_derivatives_print_without_units():
-    """Some of them are numbers that a scene may have."""
-    text = str(jax.grad(jr.overturning_margin)(jr.Scene(BLOCK, 0.8, 0.1)))
-    assert text.startswith("derivatives, or numbers out of range:\nhalf width")
-    assert "m/s2" not in text
 
 
 def test_a_status_is_printed_where_something_ran_out():

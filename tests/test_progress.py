@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxrock as jr
-from jaxrock.host import count_work, show_progress
+from jaxrock.host import show_progress
 
 
 class Terminal(io.StringIO):
@@ -29,16 +29,6 @@ def test_items_and_motions_are_counted(monkeypatch):
     assert list(show_progress(range(4), "steps")) == [0, 1, 2, 3]
     jr.respond_batch(jr.Block(jnp.linspace(0.1, 0.2, 8192), 5.0), 0.9, jr.Sine(2.5, 0.5))
     assert all(text in terminal.getvalue() for text in ("steps:  75%", "8192/8192"))
-
-
-def test_parts_advance_the_whole(monkeypatch):
-    terminal = look(monkeypatch, Terminal())
-    with count_work("rounds", 10), count_work("motions", 1000) as part:
-        part.update(10)
-        assert list(show_progress(range(4), "steps")) == [0, 1, 2, 3]
-    assert "10/10" in terminal.getvalue()
-    assert "motions" not in terminal.getvalue()
-    assert "steps" not in terminal.getvalue()
 
 
 @pytest.mark.parametrize("stderr", [io.StringIO(), None])

@@ -49,32 +49,6 @@ SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
 LEVELS = np.geomspace(0.9, 6.0, 40)
 
 
-@SLOW
-def test_elasticities_by_each_description():
-    """The chain rule for a small change, in both precisions; each of two objects has its own."""
-    site = jr.risk.Site(pulses(50), hazard, levels=LEVELS[::4])
-    blocks = jr.Block(np.array([0.25, 0.3]), np.array([4.0, 3.5]))
-    shape, sides, dynamics = (
-        jr.risk.rate_elasticities(blocks, 0.85, site, by=by, change=0.01, model="linearized")
-        for by in ("shape", "sides", "dynamics")
-    )
-    assert sides.names[:2] == ("width", "height")
-    assert sides.elasticity.shape == (5, 2)
-    # ln b = ln w - ln 2 and ln lambda = ln h - ln w.
-    by_width = shape.elasticity[0] - shape.elasticity[1]
-    np.testing.assert_allclose(sides.elasticity[0], by_width, rtol=0.01)
-    np.testing.assert_allclose(sides.elasticity[1], shape.elasticity[1], rtol=0.01)
-    assert dynamics.names[:2] == ("critical_angle", "frequency_parameter")
-    # ln b = ln sin(alpha_c) - 2 ln p + ..., and ln lambda = -ln tan(alpha_c).
-    angle = np.arctan(1 / np.array([4.0, 3.5]))
-    of_half_width = shape.elasticity[0] * angle / np.tan(angle)
-    of_slenderness = shape.elasticity[1] * angle / (np.sin(angle) * np.cos(angle))
-    np.testing.assert_allclose(
-        dynamics.elasticity[0], of_half_width - of_slenderness, rtol=0.01
-    )
-    np.testing.assert_allclose(dynamics.elasticity[1], -2 * shape.elasticity[0], rtol=0.01)
-
-
 @DOUBLE
 @SLOW
 def test_derivatives_against_differences():

@@ -56,26 +56,6 @@ def test_width_at_this_height_in_closed_form():
     assert f"{float(answer.value):.6g} m, width at this height: from there on" in str(answer)
 
 
-@pytest.mark.thorough
-@DOUBLE
-def test_many_objects_at_once():
-    """Each has the answer that it has alone; bounds and targets may be its own."""
-    site = site_of_pulses(100)
-    heights = np.array([1.5, 2.0])
-    blocks = jr.Block.from_size(width=0.5, height=heights)
-    bounds = (np.array([0.25, 0.3]), 1.2)
-    targets = np.array([6e-5, 5e-5])
-    many = jr.risk.required_value(blocks, 0.85, site, targets, "width", bounds, **LINEARIZED)
-    alone = jr.risk.required_value(
-        CABINET, 0.85, site, 5e-5, "width", (0.3, 1.2), **LINEARIZED
-    )
-    for name in ("value", "rate", "count"):
-        single = np.asarray(getattr(alone, name))
-        all_ = np.asarray(getattr(many, name))
-        np.testing.assert_allclose(single, all_[1], rtol=1e-12, err_msg=name)
-    assert len(many.reasons) == 2
-
-
 @DOUBLE
 @pytest.mark.parametrize(
     ("make_suite", "cases"),

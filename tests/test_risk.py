@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scenes
 from references.half_sine_rates import (
     DURATIONS,
     OFTEN,
@@ -21,7 +20,6 @@ from jaxrock.risk.lognormal import fit_lognormal
 
 DOUBLE = pytest.mark.float64
 SLOW = pytest.mark.thorough
-NAN = float("nan")
 
 
 def test_hazard_is_straight_in_logarithms(eps):
@@ -94,22 +92,6 @@ def test_a_fit_with_survival_windows_has_the_moments_of_the_counts():
     variance = x[-1] ** 2 - np.trapezoid(2 * x * probability, x) - mean**2
     assert np.log(found.median) == pytest.approx(mean, abs=1e-4)
     assert found.dispersion == pytest.approx(variance**0.5, rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (([], (1, 9), 1, 0, 5), (NAN, NAN, "never exceeded")),
-        (([2.0] * 5, (1, 9)), (2.0, 0.0, "the same level under all records")),
-        (([2.0, 3.0], (1, 9), [1, -1], 0, 5), (NAN, NAN, "the probability does not increase")),
-    ],
-)
-def test_boundaries_without_a_curve(arguments, expected):
-    found = fit(*arguments)
-    np.testing.assert_allclose(found[:2], expected[:2], rtol=1e-14)
-    assert found.remark.startswith(expected[2])
-    step = [0.0, 1.0] if found.dispersion == 0 else [NAN] * 2
-    np.testing.assert_array_equal(found.at(np.array([1.9, 9.1])), step)
 
 
 SHAPE = (0.25, 4.0, 4 / 3)  # half-width, slenderness, inertia ratio
@@ -256,20 +238,6 @@ def test_medians_of_located_boundaries():
     np.testing.assert_allclose(medians, curves.lognormal_median, rtol=2e-3)
 
 
-def test_a_remark_says_where_exceedance_decreases():
-    """Between 1.20 and 1.26 m/s this pulse of a full sine does not overturn the block."""
-    pulse = jr.Record(np.sin(np.linspace(0, 2 * np.pi, 101)), 0.005)
-    block = jr.Block(0.1, 5.0)
-    options = {"model": "linearized", "thresholds": ["overturning"]}
-    curves = jr.risk.fragility(
-        block, 0.9, jr.Suite([pulse] * 2), [0.3, 0.8, 1.23, 1.6], **options
-    )
-    np.testing.assert_array_equal(curves.exceedance[:, 0], [0, 1, 0, 1])
-    assert str(curves.remark.values[0]).endswith(
-        "some records exceed it at 1 level, but not at the next higher one"
-    )
-
-
 # The block in the example suite.
 SIZE = (0.3, 4.0)
 HAZARD = jr.risk.Hazard([0.1, 0.3, 1.0, 3.0], [2e-2, 2e-3, 1e-4, 4e-6])
@@ -299,14 +267,3 @@ def test_rate_against_outcomes_at_many_levels():
         assert bool(answer.complete)
         change = abs(float(answer.rate) - by_outcomes)
         assert change < float(answer.not_detected) < by_outcomes / 3, number
-
-
-@DOUBLE
-def test_equal_samples_detect_no_more_windows():
-    """Samples of a record share its windows: the bound is the one without uncertainty."""
-    block = jr.Block(*SIZE)
-    site = jr.risk.Site(scenes.suite(), HAZARD, spacing=0.1)
-    certain = jr.risk.overturning_rate(block, 0.8, site)
-    uncertain = jr.Uncertain({"restitution": 0.0}, samples=8)
-    sampled = jr.risk.overturning_rate(block, 0.8, site, uncertain)
-    assert float(sampled.not_detected) == pytest.approx(float(certain.not_detected), rel=1e-9)

@@ -120,52 +120,6 @@ def test_responses_are_those_of_the_records(eps):
         assert_row(within, k, jr.respond_within(BLOCKS, 0.8, record, 1e-2, duration=2.0))
 
 
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_boundaries_are_those_of_the_records():
-    along, values = "half_width", np.geomspace(0.05, 0.6, 15)
-    found = jr.overturning_boundaries(BLOCKS, 0.8, SUITE, along, values)
-    count = np.asarray(found.count)
-    assert len(set(count.max(axis=1).tolist())) > 1
-    assert found.value.shape == (3, 2, count.max())
-    missing = {"value": np.nan, "overturns_beyond": False, "impacts": -1, "toppled": False}
-    for k, record in enumerate(SUITE):
-        single = jr.overturning_boundaries(BLOCKS, 0.8, record, along, values)
-        listed = single.value.shape[-1]
-        for name, fill in missing.items():
-            rows = getattr(found, name)
-            np.testing.assert_array_equal(rows[k, :, listed:], fill)
-            rtol = 1e-9 if k == 1 else 0.0
-            assert_row(rows[..., :listed], k, getattr(single, name), rtol)
-
-
-@pytest.mark.thorough
-@pytest.mark.float64
-def test_derivative_of_a_boundary_long_before_the_end_of_a_record():
-    """This block balances for ten seconds, until the record ends and rounding has decided.
-
-    Alone, and as the only record of a suite.
-    """
-    suite = jr.example_suite()
-    record = suite.scaled(1 / suite.measure("pgv"))[8]
-    edge = 1.5034582935571408
-    step = 1e-6
-
-    def find_edges(restitution, motion=record):
-        block = jr.Block.from_size(width=0.6, height=2.4)
-        factors = np.linspace(edge - 4e-7, edge + 4e-7, 5)  # there are others near by
-        found = jr.overturning_boundaries(block, restitution, motion, "factor", factors)
-        return found.value[..., 0]
-
-    at = np.array([0.8 - step, 0.8, 0.8 + step])
-    value, slope = jax.jvp(find_edges, (at,), (np.ones(3),))
-    assert float(value[1]) == pytest.approx(edge, rel=1e-12)
-    assert float(slope[1]) == pytest.approx(-0.0921831, abs=1e-7)
-    assert float(slope[1]) == pytest.approx(float(value[2] - value[0]) / (2 * step), rel=1e-6)
-    alone = jax.jvp(lambda c: find_edges(c, jr.Suite([record])), (0.8,), (1.0,))
-    np.testing.assert_allclose(np.ravel(alone), [value[1], slope[1]], rtol=1e-9)
-
-
 def test_example_suite():
     """Against its index; where it is from and on what terms, GeoNet's attribution included."""
     packed = (files("jaxrock") / "data" / "example_suite.zip").read_bytes()

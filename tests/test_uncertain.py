@@ -1,7 +1,5 @@
 """Uncertain parameters, alone and correlated: what is drawn, against SciPy and closed forms."""
 
-import pickle
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -141,34 +139,3 @@ def test_samples_have_the_correlations():
     np.testing.assert_array_equal(points, draw_normal_numbers(4, n, 0))
     zero = {("restitution", ANGLE): 0.0}
     assert jr.Uncertain(coefficients, correlations=zero, samples=n) == alone
-
-
-def test_what_is_uncertain_is_a_value():
-    """Immutable, equal to another one of the same content in either order, and what it prints."""
-    coefficients = {np.str_("width"): 0.02, "restitution": [0.05, 0.1], "gravity": 0.01}
-    correlations = {("gravity", "width"): -0.25, ("restitution", "width"): np.array(0.4)}
-    uncertain = jr.Uncertain(coefficients, correlations=correlations)
-    reverse = {pair[::-1]: float(value) for pair, value in [*correlations.items()][::-1]}
-    again = jr.Uncertain(coefficients, correlations=reverse)
-    assert uncertain == again != jr.Uncertain(coefficients)
-    assert pickle.loads(pickle.dumps(uncertain)) == uncertain
-    assert {uncertain: 1}[again] == 1
-    with pytest.raises(AttributeError):
-        uncertain.samples = 4
-    for piece in (
-        "restitution 0.05 to 0.1",
-        "width and restitution 0.4",
-        "64 samples, seed 0",
-    ):
-        assert piece in str(uncertain)
-
-
-@pytest.mark.parametrize("sign", [-1, 1])
-def test_perfect_correlation(sign):
-    """A singular matrix is allowed: both parameters are decided by one number."""
-    correlations = {("restitution", "width"): sign, ("restitution", "height"): 0.5}
-    correlations[("height", "width")] = 0.5 * sign
-    coefficients = {"restitution": 0.05, "width": 0.1, "height": 0.2}
-    normal = jr.Uncertain(coefficients, correlations=correlations).draw(BLOCK, 0.8).normal
-    np.testing.assert_array_equal(normal[:, 1], sign * normal[:, 0])
-    assert np.corrcoef(normal[:, 0], normal[:, 2])[0, 1] == pytest.approx(0.5, abs=0.05)
