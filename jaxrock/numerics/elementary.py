@@ -122,22 +122,16 @@ def arcsin_ratio(q: Reals) -> Reals:
 
 # The derivatives of these ratios are differences that cancel at 0, but each of them is an R_D
 # of arguments that are close to 1 there.
-def _rd(y: Array) -> Array:
-    """Compute R_D(1, y, y)."""
-    return carlson_rd(jnp.ones_like(y), y, y)
+def _rd(y: Array, second: Array) -> Array:
+    """Compute R_D(1, second, y)."""
+    return carlson_rd(jnp.ones_like(y), second, y)
 
 
-def _rd_last(y: Array) -> Array:
-    """Compute R_D(1, 1, y)."""
-    ones = jnp.ones_like(y)
-    return carlson_rd(ones, ones, y)
-
-
-arctan_ratio.defjvps(lambda dz, _, z: -2 / 3 * z * _rd(1 + z**2) * dz)
-artanh_ratio.defjvps(lambda dx, _, x: 2 / 3 * x * _rd(one_minus_square(x)) * dx)
-
-
-arcsin_ratio.defjvps(lambda dq, _, q: q / 3 * _rd_last(one_minus_square(q)) * dq)
+arctan_ratio.defjvps(lambda dz, _, z: -2 / 3 * z * _rd(1 + z**2, 1 + z**2) * dz)
+artanh_ratio.defjvps(
+    lambda dx, _, x: 2 / 3 * x * _rd(one_minus_square(x), one_minus_square(x)) * dx
+)
+arcsin_ratio.defjvps(lambda dq, _, q: q / 3 * _rd(one_minus_square(q), jnp.ones_like(q)) * dq)
 
 
 def quotient_or_infinite(numerator: Reals, denominator: Reals) -> Reals:
@@ -191,25 +185,14 @@ def _share_of_one_jvp(dratio, share, ratio, count):
     low = jnp.where(small, ratio, 0.25)
     high = jnp.where(small, 0.5, ratio)
     from_definition = n * low ** (n - 1) / (1 - low**n) - 1 / (1 - low)
-    from_logarithm = -_logarithmic_slope(-jnp.log(high), n) / high
+    # Both terms without their poles, which cancel: 1 / expm1(d) = 1 / d - gap(d).
+    decay = -jnp.log(high)
+    from_logarithm = (_gap(decay) - n * _gap(n * decay)) / high
     slope = share * jnp.where(small, from_definition, from_logarithm)
     return jnp.where(several, slope, jnp.where(count == 1, 0, -1)) * dratio
 
 
 _share_of_one.defjvps(_share_of_one_jvp, None)
-
-
-def _logarithmic_slope(decay: Array, count: Array) -> Array:
-    """Compute ``1 / expm1(d) - n / expm1(n d)``, (n - 1) / 2 at d = 0.
-
-    It is the slope of the logarithm of a share with respect to the decay d.
-    """
-    # Near 0 both terms are large and nearly equal; without their poles, 1 / d, they are not.
-    near = decay < 1
-    low = jnp.where(near, decay, 0)
-    high = jnp.where(near, 1, decay)
-    far_slope = _reciprocal_expm1(high) - count * _reciprocal_expm1(count * high)
-    return jnp.where(near, count * _gap(count * low) - _gap(low), far_slope)
 
 
 # x / expm1(x) - 1 + x / 2 = sum of B_2k x^2k / (2k)!, from k = 1 on.
@@ -223,9 +206,5 @@ def _gap(x: Array) -> Array:
     low = jnp.where(near, x, 0)
     high = jnp.where(near, 1, x)
     series = jnp.polyval(jnp.asarray(_BERNOULLI[::-1], x.dtype), low**2)
-    return jnp.where(near, 0.5 - low * series, 1 / high - _reciprocal_expm1(high))
-
-
-def _reciprocal_expm1(x: Array) -> Array:
-    """Compute ``1 / expm1(x)`` without overflow in its derivatives."""
-    return jnp.exp(-x) / -jnp.expm1(-x)
+    # 1 / expm1(x), without overflow in its derivatives.
+    return jnp.where(near, 0.5 - low * series, 1 / high - jnp.exp(-high) / -jnp.expm1(-high))
