@@ -31,6 +31,7 @@ def test_front():
     assert dataset.front.values.tolist() == [1, 1, 0, 1, 0, 1]
     assert dataset.default.values.tolist() == [0, 1, 0, 0, 0, 1]
     np.testing.assert_allclose(dataset.behind.values[2], 1.5)
+    assert dataset.seconds.values[-1] == pytest.approx(7e-6)  # of an answer, not of the batch
 
 
 def test_plot(tmp_path):
