@@ -179,6 +179,10 @@ def test_a_change_of_restitution():
     # 2.571 is the 95 % quantile of Student's distribution.
     assert np.mean(np.abs(changes) > 2.571) < 0.13
     assert np.mean([not fit.is_constant for fit in fits]) < 0.11
+    # The error of C at each impact is the one that is stated, too.
+    stated = np.mean([fit.restitution_errors**2 for fit in fits], axis=0) ** 0.5
+    deviations = np.std([fit.restitutions for fit in fits], axis=0)
+    assert np.mean(deviations / stated) == pytest.approx(1, rel=0.15)
 
 
 @DOUBLE

@@ -116,3 +116,21 @@ def test_the_restitution_of_1_has_the_derivative_of_an_inverse(half_cycles):
     of_intensity = jax.grad(lambda c: jr.critical_intensity(block, c, half_cycles))(1.0)
     derivative = jax.grad(lambda i: jr.critical_restitution(block, i, half_cycles))(intensity)
     assert derivative == pytest.approx(1 / float(of_intensity), rel=1e-9)
+
+
+@pytest.mark.float64
+def test_the_table_of_critical_values():
+    """Blocks of the critical sizes, or restitution, just overturn under the given pulses."""
+    block = jr.Block.from_size(width=0.8, height=4.0)
+    table = jr.resonance.critical_values(block, 0.7, 0.5, (5.0, np.inf)).table()
+    for row in zip(*table.values(), strict=True):
+        half_cycles, model, _, width, size, slenderness, restitution, height = row
+        for critical in (
+            (jr.Block.from_size(width=width, height=4.0), 0.7),
+            (jr.Block.from_size(width=size, height=5 * size), 0.7),
+            (jr.Block(0.4, slenderness), 0.7),
+            (jr.Block.from_size(width=0.8, height=height), 0.7),
+            (block, restitution),
+        ):
+            found = jr.critical_intensity(*critical, half_cycles, model)
+            assert float(found) == pytest.approx(0.5, rel=1e-9)

@@ -159,7 +159,9 @@ TRAINS = {
 }
 
 
-@pytest.mark.parametrize("name", some_by_default(TRAINS, {"reversed on the way up"}))
+@pytest.mark.parametrize(
+    "name", some_by_default(TRAINS, {"towards the wall at rest, then away"})
+)
 def test_trains_against_independent_integration(name):
     times, intensities = TRAINS[name]
     until = np.linspace(0.0, 2.5, 21)

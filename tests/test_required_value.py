@@ -85,7 +85,6 @@ def test_the_rate_at_the_value_is_not_above_the_target(make_suite, cases):
 
 
 @DOUBLE
-@SLOW
 def test_derivatives_by_the_implicit_function_theorem():
     def value(target, height):
         block = jr.Block.from_size(width=0.5, height=height)

@@ -333,6 +333,14 @@ def test_moments_of_correlated_parameters():
     assert moments.within_tolerance
     assert moments.variance_fractions == {}
     assert "variance fractions" not in str(moments)
+    # Of z + z^2, where z is normal, the second order is exact: variances w^2 + 2 w^4.
+    single = jr.Uncertain({"x": 0.1}, samples=1024)
+    moments = jr.sensitivity.propagate(
+        lambda at: jnp.log(at["x"] / 2) + jnp.log(at["x"] / 2) ** 2, {"x": 2.0}, single
+    )
+    square = np.log1p(0.01)
+    assert moments.mean == pytest.approx(square, rel=1e-9)
+    assert moments.standard_deviation**2 == pytest.approx(square + 2 * square**2, rel=1e-9)
 
 
 @pytest.mark.parametrize(("name", "value"), [("restitution", 0.8), ("x", 2.0), ("x", -2.0)])

@@ -1,12 +1,37 @@
 """The work-precision diagram: errors and times as they are measured, the front, the picture."""
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
 
 import jaxrock as jr
+from jaxrock.accuracy.cheapest_setting import Setting
+from jaxrock.accuracy.tradeoff import tabulate_tradeoff
 from jaxrock.plot import plot_tradeoff
 
 pytestmark = pytest.mark.float64
+
+ROWS = [  # setting, error, seconds of a call
+    (Setting("nonlinear", 64), 1e-2, 1e-5),
+    (Setting("adaptive", 64, 1e-8, "Tsit5"), 1e-6, 2e-3),
+    (Setting("adaptive", 64, 1e-8, "Dopri8"), 1e-5, 3e-3),
+    (Setting("adaptive", 64, 1e-11, "Tsit5"), 1e-10, 4e-3),
+    (Setting("adaptive", 64, 1e-3, "Dopri8"), np.inf, 1e-6),
+    (Setting("batch", 64, 1e-9, batch=1000), 1e-9, 7e-3),
+]
+
+
+def table():
+    settings, errors, seconds = zip(*ROWS, strict=True)
+    return tabulate_tradeoff(settings, np.array(errors), np.array([seconds] * 3))
+
+
+def test_front():
+    dataset = table()
+    assert dataset.front.values.tolist() == [1, 1, 0, 1, 0, 1]
+    assert dataset.default.values.tolist() == [0, 1, 0, 0, 0, 1]
+    np.testing.assert_allclose(dataset.behind.values[2], 1.5)
+    assert dataset.seconds.values[-1] == pytest.approx(7e-6)  # of an answer, not of the batch
 
 
 @pytest.mark.thorough

@@ -133,6 +133,13 @@ def test_vertical_components_in_other_files(tmp_path, write):
     with pytest.raises(ValueError, match="column must be given; its components are 'HNZ'"):
         jr.read_record(upward)
     np.testing.assert_allclose(jr.read_record(upward, column="up").acceleration, UPWARD / 100)
+    # An SMC file states degrees from upward.
+    smc = NETWORKS["SMC"].content
+    up = write(smc.replace(f"{90:10}", f"{0:10}", 1), "up.smc")
+    np.testing.assert_allclose(jr.read_record(path, vertical=up).vertical, FIRST / 100)
+    down = write(smc.replace(f"{90:10}", f"{180:10}", 1), "down.smc")
+    with pytest.raises(ValueError, match="points down"):
+        jr.read_record(path, vertical=down)
 
 
 def test_what_is_no_record(tmp_path, write):
