@@ -187,7 +187,6 @@ def test_never_lifted_and_rest():
     assert lifted.peak_rotation > 0
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("model", first_by_default(["nonlinear", "linearized"]))
 @pytest.mark.parametrize("sign", first_by_default([1, -1]))
 def test_in_balance(model, sign):
