@@ -72,10 +72,10 @@ CASES = {
         "record, factors = jr.example_record(), jnp.linspace(0.5, 2.0, 31)",
         "jr.overturning_boundaries(slim, 0.9, record, 'factor', factors)",
     ),
-    "pulsed_phase": ("", "jr.pulsed_phase(wall.block, 0.7, jr.HalfSine(2.5, 0.05))"),
+    "pulsed_phase": ("", "jr.steady.pulsed_phase(wall.block, 0.7, jr.HalfSine(2.5, 0.05))"),
     "critical_pulsed_amplitude": (
         "",
-        "jr.critical_pulsed_amplitude(wall.block, 0.7, jr.HalfSine, 0.05)",
+        "jr.steady.critical_pulsed_amplitude(wall.block, 0.7, jr.HalfSine, 0.05)",
     ),
     "worst_train": ("", "jr.worst_train(wall.block, 0.7, 3)"),
     "sensitivities": ("", "jr.sensitivities(jr.rotation_ratio, wall)"),
