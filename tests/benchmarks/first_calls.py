@@ -163,7 +163,7 @@ def time_command(arguments):
         write = (
             "t = 0.01 * np.arange(6001); table = np.c_[t, jr.example_record().acceleration]"
         )
-        write += "; np.savetxt('record.csv', table, delimiter=',', header='time [s],a',"
+        write += "; np.savetxt('record.csv', table, delimiter=',', header='time [s],acc',"
         homes = dict.fromkeys(("HOME", "LOCALAPPDATA", "XDG_CACHE_HOME"), home)
         run("-c", f"{SETUP}\n{write} comments='')", **homes)
         for _ in range(2):
