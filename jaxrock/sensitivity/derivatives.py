@@ -497,7 +497,7 @@ def _check_limits(
     unsteady |= excess.impact_sum > allowed_sum
 
     bend = (moved.value - here.value - linear.value) / distance**2
-    bends[pending] = np.where(other_events | other_time, np.nan, bend)
+    bends[pending] = np.where(other_events | other_time | unsteady, np.nan, bend)
     opposite = select(bends[::-1])
     mean = np.where(np.isnan(opposite), 0, 0.5 * (opposite + bend))
     explained = np.abs(linear.value) + np.abs(mean) * distance**2
