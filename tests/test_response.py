@@ -182,6 +182,7 @@ def test_never_lifted_and_rest():
     assert (r.peak_rotation, r.impacts, r.status) == (0, 0, 0)
     assert float(r.margin) == pytest.approx(1, rel=1e-14)
     assert r.at_rest
+    assert "at rest when" in str(r)
     assert float(r.friction_demand) == pytest.approx(0.99 / 5, rel=1e-3)
     lifted = jr.respond(block, 0.9, jr.Sine(1.01 * 9.81 / 5, 1.0), 3.0)
     assert lifted.peak_rotation > 0

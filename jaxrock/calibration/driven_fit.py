@@ -250,7 +250,7 @@ def _make_driven_fit(test: ShakingTest, fit: WindowFit) -> DrivenFit:
         "restitution": fitted["restitution"],
         "rotation": rotation,
         "residuals": rotation - test.measured,
-        "rotation_noise": test.noise or fit.scatter,
+        "rotation_noise": test.noise or fit.rms,
         "used_until": fit.end,
         "last_time": test.time[-1],
     }

@@ -34,7 +34,7 @@ _RESTITUTIONS = np.linspace(0.5, 0.98, 97)
 _STARTS = 5
 _FIRST = 3  # impacts in the first window
 _GROWTH = 1.5  # factor on the number of impacts from one window to the next
-_OFF = 1.2  # largest scatter of a fit to the first window, over the noise
+_OFF = 1.2  # largest root mean square of a fit to the first window, over the noise
 # Fraction of the noise by which the residuals of the next window may exceed it. Its unit is
 # 1 / sqrt(2 n), the relative error of a noise estimated from n residuals.
 _ROUGHER = 3.0
@@ -140,7 +140,7 @@ class WindowFit(NamedTuple):
     end: float  # [s]
     values: Values
     covariance: Values
-    scatter: float  # standard deviation of the residuals [rad]
+    rms: float  # root mean square of the residuals [rad]
     measurements: int
     converged: bool
 
@@ -175,21 +175,21 @@ def _fit_window(
         gtol=tolerance,
         max_nfev=30,
     )
-    scatter = seen * float(np.sum(result.fun**2) / max(count - start.size, 1)) ** 0.5
-    covariance = ((test.noise or scatter) / seen) ** 2 * compute_covariance(result.jac)
-    # Residuals are compared with the scatter of the measurements, and later with the residuals
+    rms = seen * float(np.sum(result.fun**2) / max(count - start.size, 1)) ** 0.5
+    covariance = ((test.noise or rms) / seen) ** 2 * compute_covariance(result.jac)
+    # Residuals are compared with the noise of the measurements, and later with the residuals
     # of the last window: a noise estimated from the residuals themselves would fit any motion.
     # Values that move by many standard errors belong to another motion.
     limit = _OFF * (test.noise or seen)
     moved = np.zeros(start.size)
     if last is not None:
-        limit = (test.noise or last.scatter) * (1 + _ROUGHER / (2 * last.measurements) ** 0.5)
+        limit = (test.noise or last.rms) * (1 + _ROUGHER / (2 * last.measurements) ** 0.5)
         moved = np.abs(result.x - last.values) / np.sqrt(np.diagonal(last.covariance))
-    exact = scatter <= _EXACT * np.abs(measured[counts]).max()
-    follows = exact or (scatter <= limit and (moved <= _MOVED).all())
+    exact = rms <= _EXACT * np.abs(measured[counts]).max()
+    follows = exact or (rms <= limit and (moved <= _MOVED).all())
     converged = bool(result.success and follows and np.isfinite(covariance).all())
     covariance *= 1 if converged else np.nan
-    return WindowFit(end, result.x, covariance, scatter, count, converged)
+    return WindowFit(end, result.x, covariance, rms, count, converged)
 
 
 def fit_windows(test: ShakingTest) -> WindowFit:
@@ -218,7 +218,7 @@ def fit_windows(test: ShakingTest) -> WindowFit:
     windows = list[WindowFit]()
     for end in window_ends:
         fits = [_fit_window(test, start, end, last) for start in starts]
-        windows.append(min(fits, key=lambda fit: (not fit.converged, fit.scatter)))
+        windows.append(min(fits, key=lambda fit: (not fit.converged, fit.rms)))
         starts = [fit.values for fit in fits]
         if windows[-1].converged:
             last = windows[-1]

@@ -248,15 +248,15 @@ def _choose_row(
     table: Table, site: tuple[float | int, float | int] | None, columns: Sequence[int]
 ) -> Row:
     """Choose the line of the site, or the only one."""
-    places = np.array([[table.require_number(row, k) for k in columns] for row in table.rows])
-    near = np.ones(len(places), bool)
+    points = np.array([[table.require_number(row, k) for k in columns] for row in table.rows])
+    near = np.ones(len(points), bool)
     if site is not None:
-        near = np.isclose(places, site, rtol=0, atol=_NEAR).all(axis=1)
+        near = np.isclose(points, site, rtol=0, atol=_NEAR).all(axis=1)
     if near.sum() != 1:
-        listed = ", ".join(f"{lon:g} {lat:g}" for lon, lat in places[:5])
+        listed = ", ".join(f"{lon:g} {lat:g}" for lon, lat in points[:5])
         got = "none" if site is None else f"{site[0]:g} {site[1]:g}"
         raise table.text.error(
-            f"site must be the longitude and latitude of one of its {len(places)} curves, such"
+            f"site must be the longitude and latitude of one of its {len(points)} curves, such"
             f" as {listed}, got {got}"
         )
     return table.rows[int(near.argmax())]

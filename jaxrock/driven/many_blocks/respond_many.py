@@ -162,17 +162,17 @@ def _follow_rows(
     count: Integers | int,
     program: _Program,
     lanes: int,
-    ends: FinalStates | None = None,
+    final: FinalStates | None = None,
 ) -> SimulatedBatch:
     """Follow the blocks of the first `count` columns, whose rows are their arguments.
 
-    Or only make the answers, if the states at their `ends` are given.
+    Or only make the answers, if the `final` states are given.
     """
     arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
     directions = arguments.directions
     arguments = arguments._replace(directions=None)
     if directions is None:
-        return _follow(ground, arguments, count, program, lanes, ends)
+        return _follow(ground, arguments, count, program, lanes, final)
     along = jax.tree.map(lambda *leaves: jnp.stack(leaves), *directions)
     moves = jax.tree.map(
         lambda part: part is not None, along, is_leaf=lambda part: part is None
@@ -196,7 +196,7 @@ def _follow(
     count: Integers | int,
     program: _Program,
     lanes: int,
-    ends: FinalStates | None = None,
+    final: FinalStates | None = None,
 ) -> SimulatedBatch:
     """Follow the first `count` blocks, as `_follow_rows` does."""
     case, initial, unit, valid = prepare_blocks(ground, arguments, program.model)
@@ -204,46 +204,46 @@ def _follow(
     def step(lanes: Lanes, case: Case) -> Lanes:
         return take_step(lanes, case, ground, program.order)
 
-    if ends is None:
+    if final is None:
         watched = case.answer is not None
-        ends = work_off(ground, case, initial, count, lanes, step, watched)
+        final = work_off(ground, case, initial, count, lanes, step, watched)
     # In as few bytes as a boolean: statuses of large batches are copied like all else.
-    status = jnp.where(ends.finished > 0, Status.COMPLETE, Status.STOPPED)
+    status = jnp.where(final.finished > 0, Status.COMPLETE, Status.STOPPED)
     status = jnp.where(valid, status, Status.INVALID).astype(jnp.int8)
     complete = status == Status.COMPLETE
     before_impact, after_impact = free_motion_margins(
-        case.equation, case.restitution, ends.end_rotation, ends.end_velocity
+        case.equation, case.restitution, final.end_rotation, final.end_velocity
     )
     margin = pick_smaller_margin(before_impact, after_impact)
-    toppled = ends.peak >= TOPPLED_ROTATION
+    toppled = final.peak >= TOPPLED_ROTATION
     overturned = complete & (toppled | (margin < 0))
     # It overturns on the other side after one more impact, which may fall after the end of the
     # input. So impacts are counted where the criterion is read.
-    at_once = (ends.end_rotation >= TOPPLED_ROTATION) | (before_impact < 0)
-    mode = ends.end_impacts.astype(int) + jnp.where(at_once, 0, 1)
+    at_once = (final.end_rotation >= TOPPLED_ROTATION) | (before_impact < 0)
+    mode = final.end_impacts.astype(int) + jnp.where(at_once, 0, 1)
 
     def where_complete(value: Reals) -> Reals:
         return jnp.where(complete, value, jnp.nan)
 
     response = BatchResponse(
-        peak_rotation=where_complete(jnp.minimum(ends.peak, TOPPLED_ROTATION)),
-        final_rotation=where_complete(ends.rotation),
-        final_velocity=where_complete(ends.velocity / unit),
+        peak_rotation=where_complete(jnp.minimum(final.peak, TOPPLED_ROTATION)),
+        final_rotation=where_complete(final.rotation),
+        final_velocity=where_complete(final.velocity / unit),
         overturned=overturned,
         margin=where_complete(margin),
-        impacts=ends.impacts.astype(int),
+        impacts=final.impacts.astype(int),
         mode=jnp.where(overturned, mode, -1),
         status=status,
     )
     # From beyond the critical angle a block has no velocity of free motion.
-    highest = jnp.minimum(ends.peak, case.equation.critical_angle)
+    highest = jnp.minimum(final.peak, case.equation.critical_angle)
     leaving = case.equation.landing_velocity(highest, jnp.zeros_like(highest))
     # What an impact absorbs has no effect on the motion: the limits of `to_tolerance` are for
     # the velocity that it leaves, if it leaves any.
     arriving = leaving / jnp.maximum(case.restitution, 0.25)
-    sums = jax.lax.stop_gradient((ends.impact_sum / case.duration, arriving * arriving))
+    sums = jax.lax.stop_gradient((final.impact_sum / case.duration, arriving * arriving))
     simulated = SimulatedBatch(response, *sums)
-    if ends.events is None:
+    if final.events is None:
         return simulated
     peak = jnp.where(overturned, jnp.nan, response.peak_rotation)
     ratio = peak / arguments.block.critical_angle
@@ -252,7 +252,7 @@ def _follow(
     zero = jnp.zeros_like(peak)
     none = Nearest(zero, zero)
     gap = jnp.where(
-        is_peak, ends.peak - ends.second_peak, jnp.abs(after_impact - before_impact)
+        is_peak, final.peak - final.second_peak, jnp.abs(after_impact - before_impact)
     )
     return simulated._replace(
         answer=SimulatedAnswer(
@@ -260,16 +260,16 @@ def _follow(
             value=jnp.where(
                 is_peak,
                 value,
-                jnp.where(ends.end_rotation < TOPPLED_ROTATION, response.margin, jnp.nan),
+                jnp.where(final.end_rotation < TOPPLED_ROTATION, response.margin, jnp.nan),
             ),
-            gap=gap / jnp.where(is_peak & (ends.peak > 0), ends.peak, 1),
-            impact_sum=ends.impact_sum,
-            events=ends.events._replace(lifted=ends.events.lifted * unit),
-            change=jax.tree.map(lambda rate: jnp.where(is_peak, rate, 0), ends.later).include(
+            gap=gap / jnp.where(is_peak & (final.peak > 0), final.peak, 1),
+            impact_sum=final.impact_sum,
+            events=final.events._replace(lifted=final.events.lifted * unit),
+            change=jax.tree.map(lambda rate: jnp.where(is_peak, rate, 0), final.later).include(
                 gap, complete
             ),
             overturning=none.include(margin, is_peak).include(
-                arguments.block.critical_angle - ends.peak, is_peak
+                arguments.block.critical_angle - final.peak, is_peak
             ),
         )
     )
@@ -286,8 +286,8 @@ def _pull_rows(
         arguments = jax.tree.unflatten(program.form, list(rows))
         return prepare_blocks(ground, arguments, program.model)
 
-    def answer(rows: Reals, ends: FinalStates) -> SimulatedBatch:
-        return _follow_rows(ground, rows, 0, program, 0, ends)
+    def answer(rows: Reals, final: FinalStates) -> SimulatedBatch:
+        return _follow_rows(ground, rows, 0, program, 0, final)
 
     return pull_back(ground, rows, cotangents, program.order, prepare, answer)
 
