@@ -58,6 +58,11 @@ def test_derivatives_of_a_probability_are_those_of_its_closed_form():
         for (low, high), score in zip((medians, spreads), scores[k], strict=True):
             derivative, error = compute_derivatives(outcome, score[:, None])
             assert abs(derivative[0] - (high - low) / (2 * h)) < 3 * error[0]
+    # Of several records, whose derivatives differ, the records are the sample.
+    slopes = np.array([[0.2], [0.5], [1.1]])
+    derivative, error = compute_derivatives(slopes * z[:, 0], z[:, :1])
+    assert derivative[0] == pytest.approx(0.6, rel=1e-3)
+    assert error[0] == pytest.approx(slopes.std(ddof=1) / 3**0.5, rel=1e-2)
 
 
 @float64

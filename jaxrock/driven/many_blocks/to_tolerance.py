@@ -13,7 +13,7 @@ Its input is also perturbed by some units in the last place, to show how impacts
     1       the second         the first tolerance  where the first one shows amplification,
             tolerance that is  that is tight        or its bound exceeds the tolerance, or
             tight enough       enough               the input is no record
-    2       the tightest one   the one before       the same
+    2       the tightest one   the tightest one     the same
     (where 1 fails)
 
 A companion confirms a response if outcome and peak agree, and if both trajectories stay together
@@ -226,9 +226,10 @@ def _reach_tolerance(
 
     # Round 2: the blocks for which round 1 fails.
     (places,) = np.nonzero(~estimate.suffices(tolerance, at))
-    if places.size and first + 2 < len(levels):
+    if places.size:
         options = tolerance, model, None if at is None else at[places]
-        better = _estimate(batch.select(places), *options, levels[-2:], at_once=True)
+        tightest = levels[-1], levels[-1]
+        better = _estimate(batch.select(places), *options, tightest, at_once=True)
         for leaf, new in zip(jax.tree.leaves(estimate), jax.tree.leaves(better), strict=True):
             leaf[places] = new
     within_tolerance = (estimate.error <= tolerance) & estimate.simulated.response.complete
@@ -277,9 +278,10 @@ def _estimate(
     *,
     at_once: bool,
 ) -> _Estimate:
-    """Simulate a batch at the tighter of two levels, and estimate its error by companions.
+    """Simulate a batch at the second of two levels, and estimate its error by companions.
 
-    The second companion is simulated `at_once` for all blocks, or later where it is needed.
+    The first companion is simulated at the first level, the second one at the second level:
+    `at_once` for all blocks, or later where it is needed.
     """
     looser, rtol = levels
     dtype = batch.dtype
