@@ -129,9 +129,9 @@ def harmonic_orbit(
     restitution : array_like
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     amplitude : array_like
-        Amplitude of the acceleration of the floor [m/s2], at least 0.
+        Amplitude of the acceleration of the floor [m/s2], finite and at least 0.
     frequency : array_like
-        Angular frequency omega of the floor [rad/s], greater than 0.
+        Angular frequency omega of the floor [rad/s], finite and greater than 0.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`. The linearized motion has a closed form.
 
@@ -143,8 +143,8 @@ def harmonic_orbit(
     Raises
     ------
     ValueError
-        If a concrete argument is out of range (a traced one gives NaN), or if the block is
-        one-sided.
+        If a concrete `restitution`, `amplitude` or `frequency` is out of range (a traced one
+        gives NaN), or if the block is one-sided.
 
     Notes
     -----
