@@ -5,6 +5,7 @@ an array are searched together. Outside of a transformation NumPy does the bookk
 margin is computed only where it is needed.
 """
 
+import functools
 from collections.abc import Callable
 from types import ModuleType
 from typing import NamedTuple
@@ -50,9 +51,9 @@ class Brackets(NamedTuple):
 class _Samples(NamedTuple):
     """Samples, sorted by case and value."""
 
-    case: np.ndarray
-    place: np.ndarray  # index in the finest division
-    value: np.ndarray
+    case: AnyArray
+    place: AnyArray  # index in the finest division
+    value: AnyArray
     evaluation: EvaluatedMargin
 
 
@@ -63,7 +64,7 @@ def find_brackets(evaluate: Evaluate, values: np.ndarray, levels: int) -> Bracke
     """
     cases, places = values.shape
 
-    def sample(case: np.ndarray, place: np.ndarray, value: np.ndarray) -> _Samples:
+    def sample(case: AnyArray, place: AnyArray, value: AnyArray) -> _Samples:
         # At least one call, even for no values: nothing at all cannot be joined.
         starts = range(0, max(len(value), 1), _CALL_SIZE)
         parts = [evaluate(case[k : k + _CALL_SIZE], value[k : k + _CALL_SIZE]) for k in starts]
@@ -82,29 +83,16 @@ def find_brackets(evaluate: Evaluate, values: np.ndarray, levels: int) -> Bracke
             lambda old, new, left=left: np.insert(old, left + 1, new), samples, between
         )
 
-    case = samples.case
-    margin = samples.evaluation.margin
+    case, place, value, evaluation = samples
+    negative = evaluation.margin < 0
     # A case with a gap lists nothing: a sign change in the gap would not be detected.
-    complete = np.bincount(case, np.isnan(margin), cases) == 0
-    change = (case[1:] == case[:-1]) & ((margin[1:] < 0) != (margin[:-1] < 0))
+    complete = np.bincount(case, np.isnan(evaluation.margin), cases) == 0
+    change = (case[1:] == case[:-1]) & (negative[1:] != negative[:-1])
     left = np.flatnonzero(change & complete[case[:-1]])
     count = np.bincount(case[left], minlength=cases)
-    # A sample has a neighbour where the list goes on with the same case.
-    ends = _add_neighbour(
-        left, lambda at: np.append(case, -1)[at.clip(-1, case.size)] == case[left], np
-    )
-    return Brackets(
-        case=case[left],
-        column=np.arange(left.size) - (np.cumsum(count) - count)[case[left]],
-        valid=np.ones(left.size, bool),
-        ends=tuple(samples.value[at] for at in ends),
-        evaluations=tuple(
-            jax.tree.map(lambda leaf, at=at: leaf[at], samples.evaluation) for at in ends
-        ),
-        sign_changes=count,
-        negative_first=margin[samples.place == 0] < 0,
-        complete=complete,
-    )
+    column = np.arange(left.size) - (np.cumsum(count) - count)[case[left]]
+    by_case = (count, negative[place == 0], complete)
+    return _list_pairs(samples, left, column, left >= 0, by_case, np)
 
 
 def _find_suspicious(samples: _Samples, width: int) -> np.ndarray:
@@ -161,20 +149,35 @@ def _find_suspicious(samples: _Samples, width: int) -> np.ndarray:
     return np.flatnonzero(suspicious & same_case & (np.diff(place) == width))
 
 
-def _add_neighbour(
-    left: AnyArray, exists: Callable[[AnyArray], AnyArray], library: ModuleType
-) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """List the places of both ends of intervals, and of a neighbour beyond the first of them.
+def _list_pairs(
+    samples: _Samples,
+    left: AnyArray,
+    column: AnyArray,
+    valid: AnyArray,
+    by_case: tuple[AnyArray, AnyArray, AnyArray],
+    library: ModuleType,
+) -> Brackets:
+    """List pairs of neighbouring samples by the left ones, and a neighbour of each.
 
     The ends are swapped where the neighbour lies behind the right one, so that the three are
     in a row, as Chandrupatla's method leaves them. Where there is none it is the left end.
     """
-    before = (left > 0) & exists(left - 1)
-    behind = exists(left + 2)
-    beyond = library.where(behind, left + 2, left)
+    case, _, value, evaluation = samples
+
+    def exists(at: AnyArray) -> AnyArray:
+        """Return whether the samples go on with the same case."""
+        return library.append(case, -1)[at.clip(-1, case.size)] == case[left]
+
+    before = exists(left - 1)
+    beyond = library.where(exists(left + 2), left + 2, left)
     first = library.where(before, left, left + 1)
     second = library.where(before, left + 1, left)
-    return first, second, library.where(before, left - 1, beyond)
+    third = library.where(before, left - 1, beyond)
+    # A bracket of no width where there is none.
+    ends = [library.where(valid, at, left) for at in (first, second, third)]
+    evaluations = (jax.tree.map(lambda leaf, at=at: leaf[at], evaluation) for at in ends)
+    values = tuple(value[at] for at in ends)
+    return Brackets(case[left], column, valid, values, tuple(evaluations), *by_case)
 
 
 def find_brackets_traced(
@@ -191,35 +194,21 @@ def find_brackets_traced(
     inner = values[:, :-1, None] + widths * fraction[None, None]
     value = jnp.concatenate([inner.reshape(len(values), -1), values[:, -1:]], axis=1)
     cases, places = value.shape
-    index = jnp.broadcast_to(jnp.arange(cases)[:, None], value.shape)
-    evaluation = evaluate(index.reshape(-1), value.reshape(-1))
-    evaluation = jax.tree.map(lambda leaf: leaf.reshape(value.shape), evaluation)
-    margin = evaluation.margin
+    case = jnp.repeat(jnp.arange(cases), places)
+    place = jnp.tile(jnp.arange(places), cases)
+    value = value.reshape(-1)
+    samples = _Samples(case, place, value, evaluate(case, value))
+    margin = samples.evaluation.margin.reshape(cases, places)
     complete = ~jnp.isnan(margin).any(axis=1)
     negative = margin < 0
     change = (negative[:, 1:] != negative[:, :-1]) & complete[:, None]
     # The places of the changes first, then one that stands for none.
     none = places - 1
-    places_of_changes = jnp.where(change, jnp.arange(none)[None, :], none)
-    padding = ((0, 0), (0, max_boundaries))
-    places_of_changes = jnp.pad(places_of_changes, padding, constant_values=none)
-    left = jnp.sort(places_of_changes, axis=1)[:, :max_boundaries].reshape(-1)
+    list_changes = functools.partial(jnp.flatnonzero, size=max_boundaries, fill_value=none)
+    left = jax.vmap(list_changes)(change)
     valid = left < none
-
-    case = jnp.repeat(jnp.arange(cases), max_boundaries)
-    left = jnp.where(valid, left, 0)
-    ends = _add_neighbour(left, lambda at: at < places, jnp)
-    # A bracket of no width where there is none.
-    ends = [jnp.where(valid, at, left) for at in ends]
-    return Brackets(
-        case=case,
-        column=jnp.tile(jnp.arange(max_boundaries), cases),
-        valid=valid,
-        ends=tuple(value[case, at] for at in ends),
-        evaluations=tuple(
-            jax.tree.map(lambda leaf, at=at: leaf[case, at], evaluation) for at in ends
-        ),
-        sign_changes=change.sum(axis=1),
-        negative_first=negative[:, 0],
-        complete=complete,
-    )
+    # The first sample of the case where there is no pair.
+    left = jnp.where(valid, left, 0) + places * jnp.arange(cases)[:, None]
+    column = jnp.tile(jnp.arange(max_boundaries), cases)
+    by_case = (change.sum(axis=1), negative[:, 0], complete)
+    return _list_pairs(samples, left.reshape(-1), column, valid.reshape(-1), by_case, jnp)

@@ -10,6 +10,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from ..validation import Reals
@@ -116,11 +117,7 @@ def carlson_rf(x: Reals, y: Reals, z: Reals) -> Reals:
 def _carlson_rf_jvp(primals, tangents):
     """Differentiate R_F with respect to the arguments that are perturbed, by R_D."""
     # dR_F/dz = -R_D(x, y, z) / 6, and so for x and y: all from the same duplications.
-    moving = tuple(
-        i
-        for i, t in enumerate(tangents)
-        if not isinstance(t, jax.custom_derivatives.SymbolicZero)
-    )
+    moving = tuple(i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero))
     arguments, parts, factor = _duplicate_arguments(primals, moving)
     value = _rf_series(*arguments)
     slope = jnp.zeros_like(value)

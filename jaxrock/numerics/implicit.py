@@ -34,16 +34,12 @@ def differentiate_by_jacobian(
     def apply_jacobian(
         primals: PyTree, tangents: PyTree, **options: object
     ) -> tuple[PyTree, PyTree]:
-        if (
-            for_arrays
-            and max(tangent.size for tangent in jax.tree.leaves(tangents)) > _COLUMNS
-        ):
+        largest = max(tangent.size for tangent in jax.tree.leaves(tangents))
+        if for_arrays and largest > _COLUMNS:
             return eqx.filter_jvp(for_arrays, primals, tangents, **options)
         # Equinox writes None for the tangent of a leaf that is not perturbed.
-        perturbed = jax.tree.map(
-            lambda t: t is not None, tangents, is_leaf=lambda t: t is None
-        )
-        moving, fixed = eqx.partition(primals, perturbed)
+        moves = jax.tree.map(lambda t: t is not None, tangents, is_leaf=lambda t: t is None)
+        moving, fixed = eqx.partition(primals, moves)
         numbers, unravel = ravel_pytree(moving)
         direction, _ = ravel_pytree(tangents)
 
@@ -64,9 +60,7 @@ def differentiate_by_jacobian(
         # A second derivative goes through the loops themselves.
         values, jacobian = refuse_reverse_mode("this derivative", (values, jacobian))
         # The directions enter here only, linearly: that is what reverse mode transposes.
-        applied = jax.tree.map(
-            lambda slopes: jnp.tensordot(direction, slopes, axes=1), jacobian
-        )
+        applied = jax.tree.map(lambda slope: jnp.tensordot(direction, slope, axes=1), jacobian)
         return eqx.combine(values, static), applied
 
     return wrapped

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,24 +105,19 @@ def critical_values(
     1.038 m/s
     """
     check("intensity", intensity, NON_NEGATIVE)
-    cases = list(itertools.product(half_cycles, ("linearized", "nonlinear")))
-
-    def compute(
-        function: Callable[..., Reals], *arguments: Any, **options: str
-    ) -> list[float]:
-        """Compute a critical value in each case."""
-        return [float(function(*arguments, *case, **options)) for case in cases]
-
     given = (block, restitution, intensity)
-    slenderness = compute(critical_slenderness, *given)
-    columns: dict[str, list[Any]] = {
-        "half_cycles": [count for count, _ in cases],
-        "model": [model for _, model in cases],
-        "critical_intensity": compute(critical_intensity, block, restitution),
-        "width_at_this_height": compute(critical_width, *given, fixed="height"),
-        "width_at_this_slenderness": compute(critical_width, *given),
-        "critical_slenderness": slenderness,
-        "critical_restitution": compute(critical_restitution, block, intensity),
-        "height_at_this_width": [float(block.width) * value for value in slenderness],
-    }
+    rows = []
+    for case in itertools.product(half_cycles, ("linearized", "nonlinear")):
+        slenderness = critical_slenderness(*given, *case)
+        numbers = {
+            "critical_intensity": critical_intensity(block, restitution, *case),
+            "width_at_this_height": critical_width(*given, *case, fixed="height"),
+            "width_at_this_slenderness": critical_width(*given, *case),
+            "critical_slenderness": slenderness,
+            "critical_restitution": critical_restitution(block, intensity, *case),
+            "height_at_this_width": block.width * slenderness,
+        }
+        row: dict[str, Any] = dict(zip(("half_cycles", "model"), case, strict=True))
+        rows.append(row | {name: float(value) for name, value in numbers.items()})
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
     return CriticalValues(block, restitution, intensity, columns)

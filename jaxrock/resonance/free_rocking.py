@@ -54,9 +54,8 @@ class Linearized(RockingModel):
         cotangent = 1 / block.slenderness
         square = 1 + cotangent**2
         shape = arctan_ratio(cotangent) * (square * jnp.sqrt(square))  # a power takes longer
-        return _dimensionless_pulse(intensity, block) ** 2 / (
-            shape * (1 + _missing_energy_root(x))
-        )
+        pulse = _dimensionless_pulse(intensity, block)
+        return pulse**2 / (shape * (1 + _missing_energy_root(x)))
 
     def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
         return x**2 / (1 + _missing_energy_root(x))
@@ -115,17 +114,13 @@ class Nonlinear(RockingModel):
         # dimensionless pulse
         cosine_squared = 1 / (1 + block.slenderness**-2)
         divisor = 2 * (_stiffness_terms(block, x)[1] + _missing_energy_root(x))
-        return 2 * arcsin(
-            _dimensionless_pulse(intensity, block) ** 2 * cosine_squared / divisor
-        )
+        pulse = _dimensionless_pulse(intensity, block)
+        return 2 * arcsin(pulse**2 * cosine_squared / divisor)
 
     def _rotation_ratio(self, block: Block, x: Reals) -> Reals:
         tau, w = _stiffness_terms(block, x)
-        return (
-            2
-            * arcsin(quotient(tau * x**2, w + _missing_energy_root(x)))
-            / block.critical_angle
-        )
+        half_peak = arcsin(quotient(tau * x**2, w + _missing_energy_root(x)))
+        return 2 * half_peak / block.critical_angle
 
     def _peak_amplification(self, block: Block, x: Reals, growth: Reals) -> Reals:
         # 1 + (rise of the peak) / peak. By energy the sine of half the rise is tau x^2 gain /

@@ -315,21 +315,18 @@ def overturning_half_cycle(scene: Scene, model: ModelLike = Linearized()) -> Rea
         return launch / share_of_one(restitution, half_cycle) >= critical
 
     # x (1 - C^i) / (1 - C) >= 1, solved for i: 1 - C^i >= (1 - C) / x, the remainder. From a
-    # remainder of 1 on not even the limit overturns. With C = 1 every pulse adds x.
-    limited = (restitution > 0) & (restitution < 1)
-    base = jnp.where(limited, restitution, 0.5)
-    divisor = jnp.where(x > 0, x, 1)
-    remainder = jnp.where(x > 0, (1 - restitution) / divisor, 2.0)
-    overturns = remainder < 1
-    count = jnp.log1p(-jnp.where(overturns, remainder, 0.5)) / jnp.log(base)
-    count = jnp.where(restitution == 1, 1 / divisor, count)
+    # remainder of 1 on, or NaN without pulses, not even the limit overturns. With C = 1 every
+    # pulse adds x.
+    remainder = (1 - restitution) / x
+    count = jnp.log1p(-remainder) / jnp.log(restitution)
+    count = jnp.where(restitution == 1, 1 / x, count)
     # The rounding of the solution may have gone past a whole number, to either side: what
     # counts is the recursion at the numbers around it.
     count = jnp.maximum(jnp.ceil(count), 1)
     earlier = jnp.maximum(count - 1, 1)
     count = jnp.where(is_critical(earlier), earlier, count)
     count = jnp.where(is_critical(count), count, count + 1)
-    return jnp.where(x >= 1, 1.0, jnp.where(overturns & (x > 0), count, jnp.inf))
+    return jnp.where(x >= 1, 1.0, jnp.where(remainder < 1, count, jnp.inf))
 
 
 def _stabilized_ratio(scene: Scene, model: RockingModel) -> tuple[Reals, Booleans]:

@@ -126,9 +126,9 @@ def critical_width(
     0.95 m at this slenderness
     0.74 m at this height
     """
-    fixed = as_name("fixed", fixed, ("slenderness", "height"))
-    solve = _width_at_slenderness if fixed == "slenderness" else _width_at_height
-    return solve(block, restitution, intensity, half_cycles, model)
+    functions = {"slenderness": _width_at_slenderness, "height": _width_at_height}
+    function = functions[as_name("fixed", fixed, functions)]
+    return function(block, restitution, intensity, half_cycles, model)
 
 
 @_guard
@@ -150,33 +150,20 @@ def _width_at_height(
     """Compute the width at this height that pulses just overturn."""
     pulse = _equivalent_intensity(restitution, intensity, half_cycles)
     half_height = block.slenderness * block.half_width
-    gravity = block.gravity * block.inertia_ratio
-    # The pulse as a pure number, on which alone b / a depends.
-    weight = quotient(pulse, jnp.sqrt(half_height) * jnp.sqrt(gravity))
+    weight = _express_as_weight(pulse, block, half_height)
     finite = weight < jnp.inf
-
-    def intensity_of(ratio: Reals) -> Reals:
-        """Compute the pulse that just overturns a block of b / a, as a pure number."""
-        unit = jnp.ones_like(ratio)
-        # A block with a g kappa = 1: its pulse in m/s is the pure number.
-        return _single_pulse_intensity(Block(0.75 * ratio, 1 / ratio, unit), model)
-
     # Slender blocks are overturned by a weight of b / a, stocky ones by (b / a)^1.5, up to a
     # factor of pi / 2.
     eps = float(jnp.finfo(weight.dtype).eps)
-    bounds = 0.1 * eps**0.5, (10 / eps) ** 1.5
     weight = jnp.where(finite, weight, 1)
-    ratio = _solve_shape(intensity_of, _estimate_ratio, weight, bounds)
+    ratio = _solve_shape(
+        lambda ratio: _compute_weight(ratio, 1 / ratio, model),
+        # Not by a power of 2 / 3, whose rounding a large number would multiply.
+        lambda weight: jnp.where(weight < 1, weight, jnp.cbrt(jnp.maximum(weight, 1)) ** 2),
+        weight,
+        (0.1 * eps**0.5, (10 / eps) ** 1.5),
+    )
     return jnp.where(finite, 2 * half_height * ratio, jnp.inf)
-
-
-def _estimate_ratio(weight: Reals) -> Reals:
-    """Estimate b / a, within a factor of (pi / 2)^(2 / 3), from the pulse as a pure number."""
-    slender = weight < 1
-    # Where it is not used the weight is 1: the root of 0 has an infinite derivative.
-    # Not by a power of 2 / 3, whose rounding a large number would multiply.
-    stocky = jnp.cbrt(jnp.where(slender, 1, weight)) ** 2
-    return jnp.where(slender, weight, stocky)
 
 
 @_guard
@@ -222,27 +209,18 @@ def critical_slenderness(
     20.97
     """
     pulse = _equivalent_intensity(restitution, intensity, half_cycles)
-    half_width = block.half_width
-    gravity = block.gravity * block.inertia_ratio
-    # The pulse as a pure number, on which alone the slenderness depends.
-    weight = quotient(pulse, jnp.sqrt(half_width) * jnp.sqrt(gravity))
+    weight = _express_as_weight(pulse, block, block.half_width)
     number = jnp.finfo(weight.dtype)
     # Below this bound (1 / weight)^2, the slenderness of slender blocks, would overflow.
     representable = (weight > float(number.max) ** -0.5) & (weight < jnp.inf)
     slenderness_beyond = jnp.where(weight > 1, 0, jnp.inf)
     weight = jnp.where(representable, weight, 1)
 
-    def intensity_of(slenderness: Reals) -> Reals:
-        """Compute the pulse that just overturns a block of a slenderness, as a pure number."""
-        unit = jnp.ones_like(slenderness)
-        # A block with b g kappa = 1: its pulse in m/s is the pure number.
-        return _single_pulse_intensity(Block(0.75 * unit, slenderness, unit), model)
-
     # Weak pulses overturn slender blocks of slenderness 1 / weight^2, strong ones stocky
     # blocks of slenderness 1 / weight, up to a factor of pi / 2.
     eps = float(number.eps)
     slenderness = _solve_shape(
-        intensity_of,
+        lambda slenderness: _compute_weight(jnp.ones_like(slenderness), slenderness, model),
         lambda weight: jnp.where(weight < 1, (1 / weight) ** 2, 1 / weight),
         weight,
         (0.1 * eps**0.25, 10 / eps),
@@ -330,8 +308,20 @@ def _equivalent_intensity(
     return quotient_or_infinite(jnp.asarray(intensity), share_of_one(restitution, half_cycles))
 
 
+def _express_as_weight(pulse: Reals, block: Block, length: Reals) -> Reals:
+    """Express a pulse as a pure number, on which alone the shape of a block of a length depends."""
+    return quotient(pulse, jnp.sqrt(length) * jnp.sqrt(block.gravity * block.inertia_ratio))
+
+
+def _compute_weight(half_width: Reals, slenderness: Reals, model: ModelLike) -> Reals:
+    """Compute the pulse that just overturns a block, both as pure numbers."""
+    # With g kappa = 1 and a length of 1 a pulse in m/s is the pure number.
+    block = Block(0.75 * half_width, slenderness, jnp.ones_like(slenderness))
+    return _single_pulse_intensity(block, model)
+
+
 def _solve_shape(
-    intensity_of: Callable[[Reals], Reals],
+    weigh: Callable[[Reals], Reals],
     estimate: Callable[[Reals], Reals],
     weight: Reals,
     bounds: tuple[float, float],
@@ -344,7 +334,7 @@ def _solve_shape(
     def log_excess(log_factor: Reals, parameters: tuple[Reals, Reals]) -> Reals:
         """Compute log(pulse that just overturns a block of this shape / given pulse)."""
         estimated, weight = parameters
-        return jnp.log(intensity_of(estimated * jnp.exp(log_factor)) / weight)
+        return jnp.log(weigh(estimated * jnp.exp(log_factor)) / weight)
 
     estimated = estimate(weight)
     clipped = jnp.clip(weight, *bounds)

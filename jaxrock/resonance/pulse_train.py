@@ -16,7 +16,7 @@ import numpy as np
 from ..block import Block
 from ..host import Printed, Status, format_fields
 from ..impact import read_restitution, side_after_impact
-from ..numerics import pick_larger, refuse_reverse_mode
+from ..numerics import pick_larger, refuse_reverse_mode, select_tree
 from ..validation import (
     FINITE,
     NON_NEGATIVE,
@@ -32,7 +32,7 @@ from ..validation import (
     unify_precision,
 )
 from .free_rocking import Linearized, ModelLike, as_model
-from .rocker import Flight, Rocker
+from .rocker import Rocker
 
 # In double precision a block comes to rest (see `_rock_freely`) after about 72 / -ln(C)
 # impacts, which is more than this limit only if C is above 0.9992.
@@ -194,9 +194,8 @@ def respond_to_train(
         raise ValueError(f"times must not decrease, got {np.asarray(t)}")
     block, c, t, pulses = unify_precision((block, c, t, pulses))
     response = follow_timed_train(Rocker(block, c, as_model(model)), t, pulses)
-    if is_traced(response):
-        return refuse_reverse_mode("respond_to_train", response)
-    return response
+    traced = is_traced(response)
+    return refuse_reverse_mode("respond_to_train", response) if traced else response
 
 
 @eqx.filter_jit
@@ -225,7 +224,7 @@ def follow_timed_train(rocker: Rocker, times: Reals, intensities: Reals) -> Trai
             overturned=now.overturned | ((x >= 1) & (flight.q >= 0)),
         )
         # A block that has overturned goes on as if no pulse came any more.
-        after = jax.tree.map(lambda new, old: jnp.where(now.overturned, old, new), after, now)
+        after = select_tree(now.overturned, now, after)
         return after, (x, now.side, after)
 
     zero = jnp.zeros_like(times[0])
@@ -239,7 +238,7 @@ def follow_timed_train(rocker: Rocker, times: Reals, intensities: Reals) -> Trai
     rises = last.since <= 0.5 * last.duration
     x = jnp.where(rises, last.x, rocker.launch_after_impact(last.x))
     overturned = last.overturned | (x >= 1)
-    peak = pick_larger(last.peak, _launch_peak(rocker, x))
+    peak = pick_larger(last.peak, rocker.launch_peak(x))
     complete = last.impacts < _MAX_IMPACTS
     return TrainResponse(
         velocity_ratio=jnp.where(complete, ratios, jnp.nan),
@@ -293,9 +292,8 @@ def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMot
         # It does in the middle, unless the half-cycle began on the way down.
         half = 0.5 * motion.duration
         passes = (motion.since <= half) & (until >= half)
-        return jnp.where(
-            passes, pick_larger(motion.peak, _launch_peak(rocker, motion.x)), motion.peak
-        )
+        peak = pick_larger(motion.peak, rocker.launch_peak(motion.x))
+        return jnp.where(passes, peak, motion.peak)
 
     def is_landing(carry: tuple[FreeMotion, Reals]) -> Booleans:
         """Return whether the block lands before the interval ends."""
@@ -322,16 +320,8 @@ def _rock_freely(rocker: Rocker, motion: FreeMotion, interval: Reals) -> FreeMot
         return after, jnp.maximum(left - (motion.duration - motion.since), 0)
 
     motion, left = jax.lax.while_loop(is_landing, apply_impact, (motion, interval))
-    moves = motion.x > least_velocity
     until = motion.since + left
-    return motion._replace(
-        x=jnp.where(moves, motion.x, 0),
-        since=jnp.where(moves, until, 0),
-        side=jnp.where(moves, motion.side, 0),
-        peak=update_peak(motion, until),
-    )
-
-
-def _launch_peak(rocker: Rocker, x: Reals) -> Reals:
-    """Compute the peak rotation after a launch [rad]."""
-    return rocker.rotation(Flight(x, jnp.zeros_like(x)))
+    now = motion._replace(since=until, peak=update_peak(motion, until))
+    zero = jnp.zeros_like(until)
+    at_rest = now._replace(x=zero, since=zero, side=zero)
+    return select_tree(motion.x > least_velocity, now, at_rest)

@@ -12,6 +12,12 @@ from .free_rocking import Linearized
 from .rocking_model import RockingModel
 
 
+def root_or_zero(square: Reals) -> Reals:
+    """Take the root of a number, or 0 where it is not positive, with a derivative of 0 there."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
+
+
 class Flight(NamedTuple):
     """The state of a block between two impacts: two velocities over the critical one [-].
 
@@ -32,10 +38,7 @@ class Flight(NamedTuple):
     @property
     def x(self) -> Reals:
         """Velocity over the critical one with which the block left the ground and lands."""
-        # At rest the root has no derivative.
-        energy = self.drop**2 + self.q**2
-        moves = energy > 0
-        return jnp.where(moves, jnp.sqrt(jnp.where(moves, energy, 1)), 0)
+        return root_or_zero(self.drop**2 + self.q**2)
 
 
 class Rocker(NamedTuple):
@@ -85,10 +88,7 @@ class Rocker(NamedTuple):
         _, velocity, falls = self.motion(x, since, duration)
         # Unless the block has overturned, only rounding takes the velocity out of its bounds.
         q = jnp.clip(velocity / self.model._critical_velocity(self.block), 0, x)
-        square = (x - q) * (x + q)
-        # On the ground the root has no derivative.
-        drop = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
-        return Flight(drop, jnp.where(falls, -q, q))
+        return Flight(root_or_zero((x - q) * (x + q)), jnp.where(falls, -q, q))
 
     def velocity_at(self, x: Reals, since: Reals, duration: Reals) -> Reals:
         """Compute `q` of `flight_at` at a time strictly between launch and impact.
@@ -108,12 +108,7 @@ class Rocker(NamedTuple):
         late = self.time_from_ground(flight) - jnp.where(falls, duration - since, since)
         lever = jnp.sin(still.block.critical_angle - still.rotation(flight))
         slowing = lever * still.block.frequency_parameter**2
-        q = (
-            q
-            + jax.lax.stop_gradient(slowing)
-            / still.model._critical_velocity(still.block)
-            * late
-        )
+        q = q + slowing / still.model._critical_velocity(still.block) * late
         return jnp.where(falls, -q, q)
 
     def rotation(self, flight: Flight) -> Reals:
@@ -123,6 +118,10 @@ class Rocker(NamedTuple):
         """
         drop = jnp.minimum(flight.drop, _largest_subcritical(flight.drop))
         return self.model._peak_rotation(self.block, drop, drop * self.unit)
+
+    def launch_peak(self, x: Reals) -> Reals:
+        """Compute the peak rotation after a launch [rad], where all of the velocity is lost."""
+        return self.rotation(Flight(x, jnp.zeros_like(x)))
 
     def time_from_ground(self, flight: Flight) -> Reals:
         """Compute the time since the launch or, on the way down, to the impact [s]."""

@@ -1,6 +1,5 @@
 """The questions that a model of free rocking answers, and the functions it provides."""
 
-import abc
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -52,10 +51,8 @@ class RockingModel(eqx.Module):
 
     name: ClassVar[str]  # in datasets and options
 
-    @abc.abstractmethod
-    def _critical_velocity(self, block: Block) -> Reals: ...
-
     # Arguments, values and domains are in the table above.
+    _critical_velocity: ClassVar[Callable[..., Reals]]
     _peak_rotation: ClassVar[Callable[..., Reals]]
     _rotation_ratio: ClassVar[Callable[..., Reals]]
     _peak_amplification: ClassVar[Callable[..., Reals]]

@@ -9,14 +9,16 @@ https://doi.org/10.1145/192115.192124) brings the trains that were found to the 
 """
 
 import functools
+import itertools
 import warnings
-from collections.abc import Iterator, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..numerics import select_tree
 from ..validation import Booleans, Integers, Reals
 from .rocker import Rocker
 from .train_through_impacts import Outcome, Train, follow_phased_train
@@ -84,6 +86,11 @@ class TrainProblem(NamedTuple):
         # it.
         return _MOST_IMPACTS_APART if self.spacing > 0 else MOST_IMPACTS
 
+    @property
+    def is_timed(self) -> bool:
+        """Whether the times of the pulses are limited."""
+        return self.spacing > 0 or self.latest < np.inf
+
 
 class Candidate(NamedTuple):
     """A train, and how good it is.
@@ -95,8 +102,6 @@ class Candidate(NamedTuple):
         numbers that a descent changes.
     impacts
         Impacts between a pulse and the one before, (pulses,): only moves change them.
-    used
-        Number of pulses of the train; the others are left out.
     loss
         The number that is minimised.
     ended
@@ -105,7 +110,6 @@ class Candidate(NamedTuple):
 
     numbers: np.ndarray
     impacts: np.ndarray
-    used: int
     loss: float = np.inf
     ended: bool = False
 
@@ -131,9 +135,9 @@ class Candidate(NamedTuple):
         return float(self.loss + 10 * _NO_GAIN * lateness)
 
     @property
-    def identity(self) -> tuple[int, bytes, float]:
+    def identity(self) -> tuple[bytes, float]:
         """A key that is equal for candidates with the same train."""
-        return self.used, self.impacts.tobytes(), round(self.merit, 6)
+        return self.impacts.tobytes(), round(self.merit, 6)
 
 
 class Evaluation(NamedTuple):
@@ -175,50 +179,18 @@ class Descended(NamedTuple):
     evaluation: Evaluation
 
 
-class _Descent(NamedTuple):
-    """Where a descent begins, its bounds, and its most steps; without steps it is padding.
-
-    With more than one step, it first puts as many impacts between the pulses as the spacing takes.
-    """
-
-    numbers: Reals
-    impacts: Integers
-    comes: Booleans
-    lows: Reals
-    highs: Reals
-    steps: Integers
-
-
-class _State(NamedTuple):
-    """A descent under way; `moved` is the largest change of a number in the last step."""
-
-    step: Integers
-    moved: Reals
-    numbers: Reals
-    impacts: Integers
-    optimizer: Any
-    best: Descended
-
-
 def search(candidates: list[Candidate], problem: TrainProblem) -> list[Candidate]:
     """Find the best train that each candidate leads to, by descents and moves between them."""
-    # Different starts come to the same trains, whose moves need not be tried again.
-    best_after_move: dict[tuple, Candidate] = {}
-    polished: dict[tuple, Candidate] = {}
+    # Different starts come to the same trains, which need not be improved again.
+    improved: dict[tuple, Candidate] = {}
 
-    def make_best_move(candidate: Candidate, k: int) -> Candidate:
-        """Move pulse k to where it leads to the best train, if that is better."""
+    def improve(candidate: Candidate, k: int) -> Candidate:
+        """Move pulse k to where it leads to the best train; polish the train for k = 0."""
         key = k, *candidate.identity
-        if key not in best_after_move:
-            moved = descend(list(_generate_moves(candidate, problem, k)), problem)
-            if problem.spacing > 0 or problem.latest < np.inf:
-                # Gradient steps stop where a limit is reached.
-                best = sorted(moved, key=lambda end: end.merit)
-                promising = 3 if problem.latest < np.inf else 1
-                moved = [_polish(end, problem) for end in best[:promising]]
-            best_after_move[key] = min(moved, key=lambda end: end.merit)
-        gain = candidate.merit - best_after_move[key].merit
-        return best_after_move[key] if gain > _NO_GAIN else candidate
+        if key not in improved:
+            method = functools.partial(_find_best_move, k=k) if k else _polish
+            improved[key] = method(candidate, problem)
+        return improved[key]
 
     # state     | known                                      | next
     # descended | no train nearby, through the same impacts, | a pass: each pulse in turn makes
@@ -231,37 +203,43 @@ def search(candidates: list[Candidate], problem: TrainProblem) -> list[Candidate
         while candidate.merit < before:
             before = candidate.merit
             for k in range(1, candidate.impacts.size):
-                candidate = make_best_move(candidate, k)
-        if candidate.identity not in polished:
-            polished[candidate.identity] = _polish(candidate, problem)
-        ends.append(polished[candidate.identity])
+                moved = improve(candidate, k)
+                candidate = moved if candidate.merit - moved.merit > _NO_GAIN else candidate
+        ends.append(improve(candidate, 0))
     return ends
 
 
-def descend(candidates: Sequence[Candidate], problem: TrainProblem) -> list[Candidate]:
+def _find_best_move(candidate: Candidate, problem: TrainProblem, k: int) -> Candidate:
+    """Find the best of the trains to which moves of pulse k lead."""
+    moved = descend(list(_generate_moves(candidate, problem, k)), problem)
+    if problem.is_timed:
+        # Gradient steps stop where a limit is reached.
+        best = sorted(moved, key=lambda end: end.merit)
+        promising = 3 if problem.latest < np.inf else 1
+        moved = [_polish(end, problem) for end in best[:promising]]
+    return min(moved, key=lambda end: end.merit)
+
+
+def descend(candidates: list[Candidate], problem: TrainProblem) -> list[Candidate]:
     """Find the best trains through the same impacts by gradient steps."""
+    starts = []
+    for candidate in candidates:
+        numbers = np.clip(candidate.numbers, *_compute_bounds(candidate, problem))
+        start = candidate._replace(numbers=numbers)
+        start.phases[:] = start.phases.clip(_EARLY, _LATE)
+        starts.append(start)
     ends = []
-    for first in range(0, len(candidates), _TRAINS):
-        starts = []
-        for candidate in candidates[first : first + _TRAINS]:
-            numbers = np.clip(candidate.numbers, *_compute_bounds(candidate, problem))
-            pulses = candidate.impacts.size
-            numbers[:pulses] = np.clip(numbers[:pulses], _EARLY, _LATE)
-            starts.append(candidate._replace(numbers=numbers))
-        descended = _run_descents(starts, problem, _STEPS)
-        for k, start in enumerate(starts):
-            numbers = descended.numbers[k].astype(float)
-            if problem.seeks_total:
-                # Only the pulses count, not how they are split into a bound and weights.
-                numbers[start.impacts.size : -1] *= np.exp(numbers[-1])
-                numbers[-1] = 0
-            ends.append(
-                start._replace(
-                    numbers=numbers,
-                    impacts=descended.evaluation.outcome.impacts[k],
-                    loss=float(descended.loss[k]),
-                )
-            )
+    for start, descended in zip(starts, _run_descents(starts, problem, _STEPS), strict=True):
+        end = start._replace(
+            numbers=descended.numbers.astype(float),
+            impacts=descended.evaluation.outcome.impacts,
+            loss=float(descended.loss),
+        )
+        if problem.seeks_total:
+            # Only the pulses count, not how they are split into a bound and weights.
+            end.weights[:] *= np.exp(end.numbers[-1])
+            end.numbers[-1] = 0
+        ends.append(end)
     return ends
 
 
@@ -269,97 +247,90 @@ def evaluate(candidate: Candidate, problem: TrainProblem, raised: float = 0.0) -
     """Evaluate a train whose pulses are raised by a factor exp(`raised`)."""
     numbers = np.append(candidate.numbers[:-1], candidate.numbers[-1] + raised)
     # By the program that is there already.
-    descended = _run_descents([candidate._replace(numbers=numbers)], problem, 1)
-    return jax.tree.map(lambda part: np.asarray(part[0], float), descended.evaluation)
+    (descended,) = _run_descents([candidate._replace(numbers=numbers)], problem, 1)
+    return jax.tree.map(lambda part: np.asarray(part, float), descended.evaluation)
 
 
 def _run_descents(
-    candidates: Sequence[Candidate], problem: TrainProblem, steps: int
-) -> Descended:
-    """Let at most `_TRAINS` trains descend."""
+    candidates: list[Candidate], problem: TrainProblem, steps: int
+) -> Iterator[Descended]:
+    """Let trains descend, `_TRAINS` of them in a call of the program."""
     dtype = problem.rocker.restitution.dtype
-    rows = [
-        (
-            candidate.numbers.astype(dtype),
-            candidate.impacts,
-            np.arange(candidate.impacts.size) < candidate.used,
-            *(bound.astype(dtype) for bound in _compute_bounds(candidate, problem)),
-            steps,
-        )
-        for candidate in candidates
-    ]
-    # One program for any number of trains: the padding takes no step.
-    rows += [(*rows[0][:-1], 0)] * (_TRAINS - len(rows))
-    stacked = _Descent(*(jnp.asarray(np.stack(column)) for column in zip(*rows, strict=True)))
-    return jax.device_get(_descend_all(stacked, problem, problem.most_impacts))
+    for first in range(0, len(candidates), _TRAINS):
+        trains = candidates[first : first + _TRAINS]
+        # One program for any number of trains: the padding takes no step.
+        padded = [*trains, *trains[:1] * (_TRAINS - len(trains))]
+        rows = [(train.numbers, *_compute_bounds(train, problem)) for train in padded]
+        impacts = np.stack([train.impacts for train in padded])
+        most_steps = np.where(np.arange(_TRAINS) < len(trains), steps, 0)
+        columns = (*np.array(rows, dtype).swapaxes(0, 1), impacts, most_steps)
+        descended = jax.device_get(_descend_all(columns, problem, problem.most_impacts))
+        for k in range(len(trains)):
+            yield jax.tree.map(lambda rows, k=k: rows[k], descended)
 
 
 @functools.partial(jax.jit, static_argnames="most_impacts")
-def _descend_all(descents: _Descent, problem: TrainProblem, most_impacts: int) -> Descended:
+def _descend_all(
+    columns: tuple[Reals | Integers, ...], problem: TrainProblem, most_impacts: int
+) -> Descended:
     """Improve trains by gradient steps, each until it has settled.
+
+    The columns are numbers, lower and upper bounds, impacts and most steps of the trains. With
+    more than one step, a train first gets as many impacts between the pulses as the spacing
+    takes. With one step, the same program evaluates it.
 
     The trains descend one after the other inside of the program. On a CPU that takes no longer
     per step than side by side, where all wait for the slowest, and compiles in two thirds of the
-    time. With one step the same program evaluates a train.
+    time.
     """
     import optax  # which only this needs
 
     optimizer = optax.rprop(_FIRST_STEP, max_step_size=_LARGEST_STEP)
-    settled = float(jnp.finfo(descents.numbers.dtype).eps) ** 0.5
+    settled = float(jnp.finfo(columns[0].dtype).eps) ** 0.5
 
-    def descend(descent: _Descent) -> Descended:
+    def evaluate_train(numbers: Reals, impacts: Integers, waits: Booleans) -> Evaluation:
+        return _evaluate_train(numbers, impacts, waits, problem, most_impacts)
+
+    def descend(train: tuple) -> Descended:
         """Improve one train."""
+        numbers, lows, highs, impacts, most_steps = train
 
-        def advance(state: _State) -> _State:
+        def advance(state: tuple) -> tuple:
             """Go one step."""
-            waits = (descent.steps > 1) & (state.step == 0)
-            evaluation = _evaluate_train(
-                state.numbers, state.impacts, descent.comes, waits, problem, most_impacts
-            )
+            step, _, numbers, impacts, optimizer_state, best = state
+            is_first = step == 0
+            evaluation = evaluate_train(numbers, impacts, is_first & (most_steps > 1))
             loss, slope, excess = _reduce_loss(evaluation, problem)
-            updates, optimizer_state = optimizer.update(slope, state.optimizer, state.numbers)
-            moved_to = jnp.asarray(optax.apply_updates(state.numbers, updates))
-            numbers = jnp.clip(moved_to, descent.lows, descent.highs)
-            # A step of Newton's method towards pulses that just overturn.
-            correction = jnp.clip(excess, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)
-            numbers = numbers.at[-1].set(state.numbers[-1] - correction)
             # Far from what overturns, the loss is not known well.
             uncertain = loss + abs(excess)
-            better = (uncertain < state.best.loss) | (state.step == 0)
-            new = Descended(state.numbers.at[-1].add(-excess), uncertain, evaluation)
-            best = jax.tree.map(lambda new, old: jnp.where(better, new, old), new, state.best)
-            moved = abs(numbers - state.numbers).max()
+            new = Descended(numbers.at[-1].add(-excess), uncertain, evaluation)
+            best = select_tree((uncertain < best.loss) | is_first, new, best)
+            updates, optimizer_state = optimizer.update(slope, optimizer_state)
+            # A step of Newton's method towards pulses that just overturn.
+            correction = jnp.clip(excess, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)
+            following = jnp.clip(numbers + updates, lows, highs)
+            following = following.at[-1].set(numbers[-1] - correction)
+            moved = abs(following - numbers).max()
             impacts = evaluation.outcome.impacts
-            return _State(state.step + 1, moved, numbers, impacts, optimizer_state, best)
+            return step + 1, moved, following, impacts, optimizer_state, best
 
-        first = _State(
-            step=jnp.zeros_like(descent.steps),
-            moved=jnp.full_like(descent.numbers[0], jnp.inf),
-            numbers=descent.numbers,
-            impacts=descent.impacts,
-            optimizer=optimizer.init(descent.numbers),
-            best=jax.tree.map(jnp.zeros_like, shapes),
-        )
-        last = jax.lax.while_loop(
-            lambda state: (state.step < descent.steps) & (state.moved > settled),
+        shapes = jax.eval_shape(evaluate_train, numbers, impacts, most_steps > 1)
+        nothing = Descended(numbers, numbers[0], jax.tree.map(jnp.zeros_like, shapes))
+        moved = jnp.full_like(numbers[0], jnp.inf)
+        begin = (jnp.zeros_like(most_steps), moved, numbers, impacts, optimizer.init(numbers))
+        return jax.lax.while_loop(
+            lambda state: (state[0] < most_steps) & (state[1] > settled),
             advance,
-            first,
-        )
-        return last.best
+            (*begin, nothing),
+        )[-1]
 
-    one = jax.tree.map(lambda rows: rows[0], descents)
-    evaluation = jax.eval_shape(
-        lambda: _evaluate_train(*one[:3], one.steps > 1, problem, most_impacts)
-    )
-    shapes = Descended(one.numbers, one.numbers[0], evaluation)
-    return jax.lax.map(descend, descents)
+    return jax.lax.map(descend, columns)
 
 
 @functools.partial(jax.jit, static_argnames="most_impacts")
 def _evaluate_train(
     numbers: Reals,
     impacts: Integers,
-    comes: Booleans,
     waits: Booleans,
     problem: TrainProblem,
     most_impacts: int,
@@ -371,13 +342,11 @@ def _evaluate_train(
     def compute_values(numbers: Reals) -> tuple[Reals, tuple[Reals, Outcome]]:
         """Compute the values, and once more to pass on undifferentiated, with the outcome."""
         phases, weights, log_bound = jnp.split(numbers, [size, 2 * size])
-        train = Train(phases, jnp.exp(log_bound) * weights, impacts, comes)
+        train = Train(phases, jnp.exp(log_bound) * weights, impacts)
         outcome = follow_phased_train(rocker, train, problem.spacing, most_impacts, waits)
         # A train may leave the block at rest, and 0 has no logarithm.
         log_x = jnp.log(jnp.maximum(outcome.x, 1e-30))
-        log_total = jnp.where(
-            problem.seeks_total, jnp.log(abs(jnp.where(comes, weights, 0)).sum()), 0
-        )
+        log_total = jnp.where(problem.seeks_total, jnp.log(abs(weights).sum()), 0)
         log_size = log_bound[0] + log_total
         loss = jnp.where(problem.seeks_pulses, log_size, -log_x)
         # In units of 1 / p times are pure numbers, like the logarithm. Without a latest time
@@ -417,34 +386,33 @@ def _polish(candidate: Candidate, problem: TrainProblem) -> Candidate:
     """Find the best train through the same impacts to the last digits, by SLSQP."""
     from scipy.optimize import minimize  # which loads slowly
 
-    lows, highs = _compute_bounds(candidate, problem)
+    bounds = _compute_bounds(candidate, problem)
 
     @functools.lru_cache(maxsize=2)
-    def evaluate_once(numbers: bytes) -> Evaluation:
+    def evaluate_once(*numbers: float) -> Evaluation:
         """Evaluate a train, once for all that SciPy asks about it."""
         # SciPy may ask a rounding error beyond the bounds.
-        within = np.clip(np.frombuffer(numbers), lows, highs)
-        return evaluate(candidate._replace(numbers=within), problem)
+        return evaluate(candidate._replace(numbers=np.clip(numbers, *bounds)), problem)
 
     limited = slice(1 if problem.seeks_pulses else 2, None)
     with warnings.catch_warnings():
         # SciPy says so where its own rounding goes beyond the bounds.
         warnings.filterwarnings("ignore", "Values in x were outside bounds")
         minimum = minimize(
-            lambda numbers: evaluate_once(numbers.tobytes()).values[0],
-            np.clip(candidate.numbers, lows, highs),
-            jac=lambda numbers: evaluate_once(numbers.tobytes()).slopes[0],
+            lambda numbers: evaluate_once(*numbers).values[0],
+            np.clip(candidate.numbers, *bounds),
+            jac=lambda numbers: evaluate_once(*numbers).slopes[0],
             method="SLSQP",
-            bounds=np.column_stack([lows, highs]),
+            bounds=np.column_stack(bounds),
             constraints={
                 "type": "ineq",
-                "fun": lambda numbers: evaluate_once(numbers.tobytes()).values[limited],
-                "jac": lambda numbers: evaluate_once(numbers.tobytes()).slopes[limited],
+                "fun": lambda numbers: evaluate_once(*numbers).values[limited],
+                "jac": lambda numbers: evaluate_once(*numbers).slopes[limited],
             },
             options={"maxiter": _STEPS, "ftol": max(1e-11, 0.5 * problem.tolerance**2)},
         )
-    numbers = np.clip(minimum.x, lows, highs)
-    _, values, slopes = evaluate_once(numbers.tobytes())
+    numbers = np.clip(minimum.x, *bounds)
+    _, values, slopes = evaluate_once(*numbers)
     if problem.seeks_pulses:
         # A step of Newton's method, to the last digits.
         numbers[-1] -= values[1] / slopes[1, -1]
@@ -460,19 +428,18 @@ def _compute_bounds(
     candidate: Candidate, problem: TrainProblem
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the bounds on the numbers of a train; equal for a number that is given."""
-    ones = np.ones(candidate.impacts.size)
-    lows = -ones
-    highs = ones.copy()
-    if problem.seeks_total:
-        # With given signs: the sum of magnitudes has no slope at 0.
-        lows, highs = np.where(candidate.weights < 0, (-ones, 0 * ones), (0 * ones, ones))
+    # For a total with given signs: the sum of magnitudes has no slope at 0.
+    inward = candidate.weights < 0
+    lows = np.where(problem.seeks_total & ~inward, 0.0, -1.0)
+    highs = np.where(problem.seeks_total & inward, 0.0, 1.0)
     # The first pulse starts the motion, to the positive side; at rest nothing has a slope.
     lows[0] = 1e-9
     highs[0] = 1
     least = most = np.log(problem.largest)
     if problem.seeks_pulses and not problem.seeks_total:
         least, most = _RANGE
-    return np.concatenate([0 * ones, lows, [least]]), np.concatenate([ones, highs, [most]])
+    phases = np.zeros_like(lows)
+    return np.hstack([phases, lows, least]), np.hstack([phases + 1, highs, most])
 
 
 def _generate_moves(
@@ -480,31 +447,27 @@ def _generate_moves(
 ) -> Iterator[Candidate]:
     """Yield trains with pulse k where no descent leads, since worse trains lie between.
 
-    A pulse does most early in a half-cycle outward, or late inward.
+    A pulse does most in the direction in which the block moves: early in a half-cycle outward,
+    or late inward.
     """
     # The neighbours of the half-cycle, and the first one that the spacing allows.
     neighbours = np.append(candidate.impacts[k] + np.array([-1, 0, 1]), 0)
     allowed = neighbours.clip(problem.fewest_impacts, problem.most_impacts)
-    for impacts in np.unique(allowed).tolist():
-        for phase in (_EARLY, _LATE):
-            moved = _place_pulse(candidate, k, impacts, phase)
-            yield moved
-            if problem.spacing > 0 or problem.latest < np.inf:
-                # The pulses after it as early as the limits allow.
-                after = moved.impacts.copy()
-                after[k + 1 :] = problem.fewest_impacts
-                yield moved._replace(impacts=after)
-    if k == candidate.used - 1 and (problem.spacing > 0 or problem.latest < np.inf):
-        # One pulse less.
-        yield candidate._replace(used=k)
-
-
-def _place_pulse(candidate: Candidate, k: int, impacts: int, phase: float) -> Candidate:
-    """Put pulse k into another half-cycle, in the direction in which the block moves there."""
-    numbers = candidate.numbers.copy()
-    between = candidate.impacts.copy()
     size = max(abs(candidate.weights[k]), _LEAST_MOVED)
-    between[k] = impacts
-    numbers[k] = phase
-    numbers[between.size + k] = size if phase == _EARLY else -size
-    return candidate._replace(numbers=numbers, impacts=between)
+    places = ((_EARLY, size), (_LATE, -size))
+    for impacts, (phase, weight) in itertools.product(np.unique(allowed), places):
+        moved = Candidate(candidate.numbers.copy(), candidate.impacts.copy())
+        moved.impacts[k] = impacts
+        moved.phases[k] = phase
+        moved.weights[k] = weight
+        yield moved
+        if problem.is_timed:
+            # The pulses after it as early as the limits allow.
+            after = moved.impacts.copy()
+            after[k + 1 :] = problem.fewest_impacts
+            yield moved._replace(impacts=after)
+    if problem.is_timed and not candidate.weights[k + 1 :].any():
+        # One pulse less.
+        left_out = Candidate(candidate.numbers.copy(), candidate.impacts)
+        left_out.weights[k] = 0
+        yield left_out

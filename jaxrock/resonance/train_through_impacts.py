@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 
 from ..impact import require_linear_law, side_after_impact
+from ..numerics import select_tree
 from ..validation import Booleans, Integers, Reals
-from .rocker import Flight, Rocker
+from .rocker import Flight, Rocker, root_or_zero
 
 
 class Train(NamedTuple):
@@ -28,17 +29,14 @@ class Train(NamedTuple):
         between, the cosine of the phase of the flight falls like the cosine of pi times this
         number: linearized, the energy after the pulse is linear in that cosine.
     impulse
-        Intensity over `Rocker.unit`, outward positive [-].
+        Intensity over `Rocker.unit`, outward positive [-]. A pulse of size 0 is left out.
     impacts
         Impacts between a pulse and the one before.
-    comes
-        False for pulses that are left out, the last ones.
     """
 
     phase: Reals
     impulse: Reals
     impacts: Integers
-    comes: Booleans
 
 
 class Outcome(NamedTuple):
@@ -120,9 +118,7 @@ def follow_phased_train(
         # 1 + cosine and 1 - cosine of the phase of the flight, each without cancellation.
         rise = (1 + earliest) * jnp.cos(0.5 * jnp.pi * pulse.phase) ** 2
         fall = (1 - earliest) + (1 + earliest) * jnp.sin(0.5 * jnp.pi * pulse.phase) ** 2
-        inside = rise * fall > 0
-        drop = x * jnp.where(inside, jnp.sqrt(jnp.where(inside, rise * fall, 1)), 0)
-        before = Flight(drop, x * (rise - 1))
+        before = Flight(x * root_or_zero(rise * fall), x * (rise - 1))
         after = rocker.apply_pulse(before, pulse.impulse)
 
         # Both in one call, since to have each compiled for itself takes long.
@@ -134,9 +130,10 @@ def follow_phased_train(
         side = jnp.where(impacts % 2 == 1, other_side, side)
         new = _AfterPulse(after, from_ground, time + passed + since, side)
         # A pulse that is left out changes nothing, and lacks nothing.
-        new = jax.tree.map(lambda new, old: jnp.where(pulse.comes, new, old), new, last)
-        lacking = jnp.where(pulse.comes, wait - duration, -1)
-        return new, (new.time, new.side, delay, lacking, impacts)
+        comes = pulse.impulse != 0
+        new = select_tree(comes, new, last)
+        lacking = jnp.where(comes, wait - duration, -1)
+        return new, (new.time, side, delay, lacking, impacts)
 
     zero = jnp.zeros_like(train.impulse[0])
     first = _AfterPulse(Flight(zero, abs(train.impulse[0])), zero, zero, zero + 1)

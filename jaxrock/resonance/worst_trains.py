@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import cast, get_args
+from typing import get_args
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +24,7 @@ from ..validation import (
 )
 from .free_rocking import Linearized, ModelLike, as_model
 from .pulse_train import TrainResponse, follow_timed_train
-from .rocker import Flight, Rocker
+from .rocker import Rocker
 from .train_optimization import (
     MOST_IMPACTS,
     Candidate,
@@ -87,9 +87,8 @@ class WorstTrain(Printed):
     goal: str
 
     def __str__(self) -> str:
-        outcome = "overturns"
-        if not self.overturns:
-            outcome = f"peak rotation {self.peak_rotation:.6g} rad"
+        peak = f"peak rotation {self.peak_rotation:.6g} rad"
+        outcome = "overturns" if self.overturns else peak
         if self.status != Status.COMPLETE:
             outcome += f"; {self.status.description}"
         lines = [
@@ -97,11 +96,10 @@ class WorstTrain(Printed):
             f" together {self.total:.5g} m/s, {outcome}",
             "  time [s]  intensity [m/s]  after impact [half-cycles]",
         ]
-        pulses = zip(self.times, self.intensities, self.delays, strict=True)
-        lines += [
-            f"{time:10.4f}  {intensity:15.5g}  {round(float(delay), 5) + 0.0:.5f}"
-            for time, intensity, delay in pulses
-        ]
+        for time, intensity, delay in zip(
+            self.times, self.intensities, self.delays, strict=True
+        ):
+            lines.append(f"{time:10.4f}  {intensity:15.5g}  {abs(delay):.5f}")
         return "\n".join(lines)
 
 
@@ -135,8 +133,7 @@ def worst_train(  # noqa: PLR0913
     restitution : float
         Its C [-], between 0 and 1; of a one-sided block its magnitude counts.
     count : int
-        Number of pulses, at least 1. With limits on the times, the train has fewer if these do
-        more.
+        Number of pulses, at least 1. The train has fewer if these do more.
     goal : str
         ``"smallest largest"``: overturn the block with the largest pulse as small as
         possible; ``"smallest total"``: with the sum of magnitudes as small as possible;
@@ -162,7 +159,7 @@ def worst_train(  # noqa: PLR0913
     Raises
     ------
     ValueError
-        If an argument is out of range, or the constraints contradict each other.
+        If an argument is out of range.
 
     Notes
     -----
@@ -189,7 +186,7 @@ def worst_train(  # noqa: PLR0913
     for name, value in (("count", count), ("starts", starts)):
         if value < 1:
             raise ValueError(f"{name} must be at least 1, got {value}")
-    goal = cast("Goal", as_name("goal", goal, get_args(Goal)))
+    as_name("goal", goal, get_args(Goal))
     if (largest is None) == (goal == "most rotation"):
         raise ValueError('largest must be given for the goal "most rotation", and only for it')
     if largest is not None:
@@ -199,12 +196,6 @@ def worst_train(  # noqa: PLR0913
             f"impacts_between must be from 0 to {MOST_IMPACTS}, got {impacts_between}"
         )
     check("spacing", as_real("spacing", spacing), NON_NEGATIVE)
-    if not latest >= (count - 1) * spacing:
-        raise ValueError(
-            f"latest must be at least (count - 1) spacing = {(count - 1) * spacing:g},"
-            f" got {latest:g}"
-        )
-
     block, restitution = unify_precision((block, restitution))
     if any(jnp.ndim(leaf) for leaf in jax.tree.leaves((block, restitution))):
         raise ValueError("block and restitution must be a single block and number, got arrays")
@@ -245,10 +236,7 @@ def _draw_candidates(
     phases[-1] = 0
     weights[-1] = 1
     numbers = np.column_stack([phases, weights, log_bounds])
-    return [
-        Candidate(train_numbers, train_impacts, count)
-        for train_numbers, train_impacts in zip(numbers, impacts, strict=True)
-    ]
+    return list(map(Candidate, numbers, impacts))
 
 
 def _make_result(candidates: list[Candidate], problem: TrainProblem, goal: Goal) -> WorstTrain:
@@ -261,27 +249,25 @@ def _make_result(candidates: list[Candidate], problem: TrainProblem, goal: Goal)
     objectives = np.exp(losses) * unit if problem.seeks_pulses else np.exp(-losses)
     outcome = evaluate(best, problem).outcome
     # What the train does, from the numbers that were optimised.
-    count = best.used
-    weights = best.weights[:count] * np.exp(best.numbers[-1])
-    intensities = outcome.sides[:count] * weights * unit
+    intensities = outcome.sides * best.weights * (np.exp(best.numbers[-1]) * unit)
     overturns = bool(problem.seeks_pulses or outcome.x >= 1)
-    # At the peak the velocity is 0: all of the launch velocity is lost.
-    top = Flight(jnp.asarray(outcome.x), jnp.zeros_like(outcome.x))
-    peak = math.nan if overturns else float(problem.rocker.rotation(top))
+    x = jnp.asarray(outcome.x)
+    peak = math.nan if overturns else float(problem.rocker.launch_peak(x))
     times, raised, higher = _simulate_raised(best, problem, intensities, problem.raise_by)
     *_, lower = _simulate_raised(best, problem, intensities, -problem.raise_by)
     if problem.seeks_pulses:
         verified = bool(higher.overturned & ~lower.overturned)
     else:
         verified = overturns or float(lower.peak_rotation) <= peak <= higher.peak_rotation
-    in_time = (np.diff(times) >= problem.spacing * (1 - 1e-9)).all()
+    comes = intensities != 0
+    in_time = (np.diff(times[comes]) >= problem.spacing * (1 - 1e-9)).all()
     verified &= bool(in_time and times[-1] <= problem.latest)
     status = Status.COMPLETE if verified else Status.NOT_VALIDATED
     return WorstTrain(
-        times=times,
-        intensities=raised,
-        impacts_between=np.asarray(outcome.impacts, int)[:count],
-        delays=np.asarray(outcome.delays)[:count],
+        times=times[comes],
+        intensities=raised[comes],
+        impacts_between=np.asarray(outcome.impacts, int)[comes],
+        delays=np.asarray(outcome.delays)[comes],
         largest=float(abs(intensities).max()),
         total=float(abs(intensities).sum()),
         peak_rotation=peak,
@@ -301,14 +287,9 @@ def _simulate_raised(
     side of an impact acts the other way. So pulses come a little later where they follow an
     impact, a little earlier where they precede one.
     """
-    before, after = (
-        evaluate(best, problem, by + sign * problem.margin).outcome.times for sign in (-1, 1)
-    )
-    times = np.where(best.phases > 0.5, before, after)[: best.used]
-    times = np.maximum.accumulate(times)
+    before = evaluate(best, problem, by - problem.margin).outcome.times
+    after = evaluate(best, problem, by + problem.margin).outcome.times
+    times = np.maximum.accumulate(np.where(best.phases > 0.5, before, after))
     raised = intensities * (1 + by)
-    dtype = problem.rocker.restitution.dtype
-    response = follow_timed_train(
-        problem.rocker, jnp.asarray(times, dtype), jnp.asarray(raised, dtype)
-    )
-    return times, raised, response
+    columns = jnp.asarray([times, raised], problem.rocker.restitution.dtype)
+    return times, raised, follow_timed_train(problem.rocker, *columns)

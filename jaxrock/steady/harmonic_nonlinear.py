@@ -12,6 +12,7 @@ velocity, so that the method converges without overshooting if the upper branch 
 given floor.
 """
 
+import dataclasses
 import functools
 from typing import NamedTuple
 
@@ -41,18 +42,18 @@ class _Collocation(NamedTuple):
     Its double integral is 0 at both ends, like the rotation at impacts.
     """
 
-    elapsed: Reals  # time since launch at the nodes, in half intervals
-    sine: Reals  # of the phase since launch, at the nodes
-    cosine: Reals
-    series: Reals  # Chebyshev coefficients of double integral, integral and polynomial
-    between: Reals  # the double integral at the nodes
-    first_slope: Reals  # slope of the double integral at the first end
-    last_slope: Reals  # the same at the last end
+    elapsed: np.ndarray  # time since launch at the nodes, in half intervals
+    sine: np.ndarray  # of the phase since launch, at the nodes
+    cosine: np.ndarray
+    series: np.ndarray  # Chebyshev coefficients of double integral, integral and polynomial
+    between: np.ndarray  # the double integral at the nodes
+    first_slope: np.ndarray  # slope of the double integral at the first end
+    last_slope: np.ndarray  # the same at the last end
 
 
 @functools.cache
-def _make_collocation() -> dict[str, np.ndarray]:
-    """Make the linear maps by their names, in NumPy and in double precision."""
+def _make_collocation(dtype: np.dtype) -> _Collocation:
+    """Make the linear maps, computed in double precision."""
     # Chebyshev nodes, which cluster at the ends: interpolation there converges geometrically.
     nodes = -np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
     # A column for each order of the polynomial, a row for each order of its double integral.
@@ -64,72 +65,52 @@ def _make_collocation() -> dict[str, np.ndarray]:
     once[0] -= half_end
     interpolation = np.linalg.inv(chebyshev.chebvander(nodes, _NODES - 1))
     series = np.stack([twice, once, orders]) @ interpolation
-    node_values, end_values = (
-        chebyshev.chebvander(points, _NODES + 1) for points in (nodes, [-1.0, 1.0])
-    )
-    first_slope, last_slope = end_values @ series[1]
+    between = chebyshev.chebvander(nodes, _NODES + 1) @ series[0]
+    end_slopes = chebyshev.chebvander(np.array([-1.0, 1.0]), _NODES + 1) @ series[1]
     phase = 0.5 * np.pi * (1 + nodes)
-    return dict(
-        elapsed=1 + nodes,
-        sine=np.sin(phase),
-        cosine=np.cos(phase),
-        series=series,
-        between=node_values @ series[0],
-        first_slope=first_slope,
-        last_slope=last_slope,
+    maps = (1 + nodes, np.sin(phase), np.cos(phase), series, between, *end_slopes)
+    return _Collocation(*(part.astype(dtype) for part in maps))
+
+
+# In full precision, which is not the default of accelerators.
+_multiply_precisely = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+
+
+def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, ...]:
+    """Compute the acceleration at the nodes, and its derivatives over rotation and push."""
+    maps = _make_collocation(unknowns.dtype)
+    rotation = (0.5 * scene.half_period) ** 2 * _multiply_precisely(
+        maps.between, unknowns[:-2]
     )
+    push = unknowns[-2] * maps.cosine + unknowns[-1] * maps.sine
+    # The function is elementwise, so that each derivative is a diagonal.
+    value, pull = jax.vjp(scene.acceleration, rotation, push)
+    return value, *pull(jnp.ones_like(value))
 
 
-def _cast_collocation(dtype: np.dtype) -> _Collocation:
-    """Cast the linear maps to JAX arrays of a precision."""
-    maps = _make_collocation()
-    return _Collocation(**{name: jnp.asarray(part, dtype) for name, part in maps.items()})
-
-
-def _multiply_precisely(matrix: Reals, values: Reals) -> Reals:
-    """Multiply in full precision, which is not the default of accelerators."""
-    return jnp.matmul(matrix, values, precision=jax.lax.Precision.HIGHEST)
-
-
-def _compute_residuals(
-    scene: HarmonicScene, amplitude: Reals, unknowns: Reals
-) -> tuple[Reals, Reals]:
+def _compute_residuals(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
     """Compute the residuals of a steady motion, and their Jacobian matrix.
 
-    The residuals are the equation of motion at the nodes, the impact law, which joins the
-    velocities at both ends, and beta^2.
+    The residuals are those of the equation of motion at the nodes, of the impact law, which
+    joins the velocities at both ends, and of beta^2.
     """
-    maps = _cast_collocation(unknowns.dtype)
+    maps = _make_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
-    acceleration = unknowns[:-2]
-    sine, cosine = unknowns[-2:]
-    rotation_map = half**2 * maps.between
+    needed, stiffness, leverage = _compute_node_accelerations(scene, unknowns)
     impact_row = half * (maps.first_slope + scene.restitution * maps.last_slope)
-    needed, (rotation_slope, push_slope) = _compute_node_accelerations(scene, unknowns)
-    law = _multiply_precisely(impact_row, acceleration)
-    strength = sine**2 + cosine**2 - amplitude**2
-    identity = jnp.eye(needed.size, dtype=needed.dtype)
+    law = _multiply_precisely(impact_row, unknowns[:-2])
+    strength = (unknowns[-2:] ** 2).sum() - scene.amplitude**2
     push_map = jnp.stack([maps.cosine, maps.sine], axis=1)
+    identity = jnp.eye(needed.size, dtype=needed.dtype)
     jacobian = [
-        [identity - rotation_slope[:, None] * rotation_map, -push_slope[:, None] * push_map],
+        [
+            identity - stiffness[:, None] * half**2 * maps.between,
+            -leverage[:, None] * push_map,
+        ],
         [impact_row[None], jnp.zeros_like(unknowns[None, -2:])],
         [jnp.zeros_like(needed[None]), 2 * unknowns[None, -2:]],
     ]
-    return jnp.hstack([acceleration - needed, law, strength]), jnp.block(jacobian)
-
-
-def _compute_node_accelerations(scene: HarmonicScene, unknowns: Reals) -> tuple[Reals, Reals]:
-    """Compute the acceleration at the nodes, and its derivatives over rotation and push."""
-    maps = _cast_collocation(unknowns.dtype)
-    half = 0.5 * scene.half_period
-    rotation = half**2 * _multiply_precisely(maps.between, unknowns[:-2])
-    push = unknowns[-2] * maps.cosine + unknowns[-1] * maps.sine
-    # The function is elementwise, so that each derivative is a diagonal.
-    directions = jnp.broadcast_to(jnp.eye(2, dtype=push.dtype)[..., None], (2, 2, push.size))
-    return jax.vmap(
-        lambda *direction: jax.jvp(scene.acceleration, (rotation, push), direction),
-        out_axes=(None, 0),
-    )(*directions)
+    return jnp.hstack([unknowns[:-2] - needed, law, strength]), jnp.block(jacobian)
 
 
 class _Newton(NamedTuple):
@@ -153,16 +134,14 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
     #   floor               |                                   |
     # past the fold, or NaN | the upper branch does not go as   | not found: the end
     #                       |   far down                        |
-    maps = _cast_collocation(scene.amplitude.dtype)
     dtype = scene.amplitude.dtype
+    maps = _make_collocation(dtype)
     first = _START_TIMES * least_amplitude(scene.restitution, scene.frequency) + _START_BEYOND
     # A stocky block needs more, in proportion to its uplift acceleration.
     first = first * scene.equation.tangent / scene.equation.critical_angle
     first = jnp.maximum(scene.amplitude, first)
-    # A floor at rest has no phase, which the equations would need.
-    given = scene.amplitude > 0
-    begin = solve_linearized(eqx.tree_at(lambda s: s.amplitude, scene, first))
-    fractions = 0.5 * maps.elapsed
+    begin = solve_linearized(dataclasses.replace(scene, amplitude=first))
+    fractions = jnp.asarray(0.5 * maps.elapsed)
     unknowns = jnp.append(begin.path(fractions)[2], jnp.stack([begin.sine, begin.cosine]))
     # Newton's method squares the error: after a step of this size the error is rounding.
     tolerance = 0.1 * float(jnp.finfo(dtype).eps) ** 0.5
@@ -170,7 +149,8 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
     last = jnp.zeros_like(unknowns).at[-1].set(1)
 
     def take_step(state: _Newton) -> _Newton:
-        residual, jacobian = _compute_residuals(scene, state.amplitude, state.unknowns)
+        floor = dataclasses.replace(scene, amplitude=state.amplitude)
+        residual, jacobian = _compute_residuals(floor, state.unknowns)
         change, slope = jnp.linalg.solve(jacobian, jnp.stack([residual, last], axis=1)).T
         unknowns = state.unknowns - change
         # On the upper branch a stronger floor means a faster landing. If it does not, the step
@@ -183,7 +163,8 @@ def _search_unknowns(scene: HarmonicScene) -> tuple[Reals, Booleans]:
             for part in (slice(-2), slice(-2, None))
         ]
         arrived = sound & small[0] & small[1]
-        solved = arrived & given & (state.amplitude == scene.amplitude)
+        # A floor at rest has no phase, which the equations would need.
+        solved = arrived & (scene.amplitude > 0) & (state.amplitude == scene.amplitude)
         steps = state.steps + 1
         return _Newton(
             unknowns=unknowns,
@@ -210,27 +191,20 @@ def _(
     """Differentiate the unknowns by the implicit function theorem."""
     (scene,) = primals
     unknowns, solved = _solve_equations(scene)
-
-    def residual(scene: HarmonicScene) -> Reals:
-        return _compute_residuals(scene, scene.amplitude, unknowns)[0]
-
-    change = eqx.filter_jvp(residual, primals, tangents)[1]
-    jacobian = _compute_residuals(scene, scene.amplitude, unknowns)[1]
+    change = eqx.filter_jvp(lambda s: _compute_residuals(s, unknowns)[0], primals, tangents)[1]
+    jacobian = _compute_residuals(scene, unknowns)[1]
     # Unknowns that were not found are constants: a singular Jacobian would make them NaN.
-    identity = jnp.eye(unknowns.size, dtype=unknowns.dtype)
-    move = jnp.linalg.solve(
-        jnp.where(solved, jacobian, identity), jnp.where(solved, -change, 0)
-    )
+    jacobian = jnp.where(solved, jacobian, jnp.eye(unknowns.size, dtype=unknowns.dtype))
+    move = jnp.linalg.solve(jacobian, jnp.where(solved, -change, 0))
     return (unknowns, solved), (move, None)
 
 
 def solve_nonlinear(scene: HarmonicScene) -> SteadyMotion:
     """Solve for the steady motion on the branch that begins as the linearized one."""
     unknowns, solved = _solve_equations(scene)
-    maps = _cast_collocation(unknowns.dtype)
+    maps = _make_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
     acceleration = unknowns[:-2]
-    sine, cosine = unknowns[-2:]
     landing = -half * _multiply_precisely(maps.last_slope, acceleration)
     units = jnp.stack([half**2, half, jnp.ones_like(half)])
     series = units[:, None] * _multiply_precisely(maps.series, acceleration)
@@ -248,7 +222,7 @@ def solve_nonlinear(scene: HarmonicScene) -> SteadyMotion:
         return tuple(_multiply_precisely(polynomials, part) for part in series)
 
     trace = _compute_trace(scene, unknowns, jnp.where(exists, landing, 1))
-    return SteadyMotion(landing, sine, cosine, trace, exists, path)
+    return SteadyMotion(landing, unknowns[-2], unknowns[-1], trace, exists, path)
 
 
 def _compute_trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Reals:
@@ -260,15 +234,14 @@ def _compute_trace(scene: HarmonicScene, unknowns: Reals, landing: Reals) -> Rea
     stiffness, `bent` the acceleration that the stiffness adds. Integrals of `bent` begin with
     value and slope 0.
     """
-    maps = _cast_collocation(unknowns.dtype)
+    maps = _make_collocation(unknowns.dtype)
     half = 0.5 * scene.half_period
     c = scene.restitution
-    _, along = _compute_node_accelerations(scene, unknowns)
-    stiffness = along[0][:, None]
-    ones = jnp.ones_like(along[0])
+    stiffness = _compute_node_accelerations(scene, unknowns)[1][:, None]
+    ones = jnp.ones_like(unknowns[:-2])
     # Solutions of unit rotation, and of unit velocity.
     begun = jnp.stack([ones, half * maps.elapsed], axis=1)
-    onward = maps.between - jnp.outer(maps.elapsed, maps.first_slope)
+    onward = maps.between - np.outer(maps.elapsed, maps.first_slope)
     matrix = jnp.eye(ones.size, dtype=ones.dtype) - stiffness * (half**2 * onward)
     bent = jnp.linalg.solve(matrix, stiffness * begun)
     first, last = _multiply_precisely(jnp.stack([maps.first_slope, maps.last_slope]), bent)

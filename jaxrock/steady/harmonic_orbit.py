@@ -1,5 +1,6 @@
 """Steady rocking on a floor that moves harmonically without end, and its stability."""
 
+import dataclasses
 import math
 
 import equinox as eqx
@@ -11,11 +12,12 @@ from jaxtyping import Array, Complex
 from ..block import Block
 from ..driven import TOPPLED_ROTATION, Equation, uplift_acceleration
 from ..host import Printed, format_fields
-from ..resonance import Linearized, ModelLike, Nonlinear, RockingModel, as_model
+from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import (
     NON_NEGATIVE,
     POSITIVE,
     UNIT_INTERVAL,
+    AnyArray,
     Booleans,
     Number,
     Reals,
@@ -47,46 +49,67 @@ class HarmonicOrbit(Printed, eqx.Module):
         rotation is positive.
     peak_rotation, rotation_ratio : Array
         Largest rotation [rad], and its ratio to the critical angle [-].
-    multipliers : Array of complex, shape (..., 2)
-        Eigenvalues of the derivative of the map from one launch to the next, half a period
-        later: the factors by which perturbations shrink. The one of larger modulus is first.
     trace, determinant : Array
         Sum and product of the multipliers, smooth where the multipliers are not. The product
         is the square of the restitution.
-    exists : Array of bool
-        Whether such a motion exists, with a rotation between 0 and pi / 2 from impact to
-        impact.
-    stable : Array of bool
-        Whether small perturbations decay: both multipliers are inside the unit circle.
-    symmetry_broken : Array of bool
-        Whether the motion exists but a multiplier is below -1, so that half periods
-        alternate.
-    below_uplift : Array of bool
-        Whether the motion exists on a floor that is too weak to lift the block from rest: it
-        continues once it has begun.
+    uplift_margin : Array
+        Acceleration that lifts the block from rest, beyond the amplitude of the floor [m/s2].
     """
 
     launch_velocity: Reals
     phase: Reals
     peak_rotation: Reals
     rotation_ratio: Reals
-    multipliers: Complex[Array, "... 2"]
     trace: Reals
     determinant: Reals
-    exists: Booleans
-    stable: Booleans
-    symmetry_broken: Booleans
-    below_uplift: Booleans
+    uplift_margin: Reals
+
+    # Comparisons with NaN, where no motion exists, are False.
+    @property
+    def exists(self) -> AnyArray:
+        """Whether such a motion exists, with a rotation between 0 and pi / 2 between impacts."""
+        return self.launch_velocity >= 0
+
+    @property
+    def stable(self) -> AnyArray:
+        """Whether small perturbations decay: both multipliers are inside the unit circle."""
+        return (abs(self.trace) < 1 + self.determinant) & (self.determinant < 1)
+
+    @property
+    def symmetry_broken(self) -> AnyArray:
+        """Whether a multiplier is below -1, so that half periods alternate."""
+        return self.trace < -1 - self.determinant
+
+    @property
+    def below_uplift(self) -> AnyArray:
+        """Whether the floor is too weak to lift a block from rest, as it keeps it rocking."""
+        return self.uplift_margin > 0
+
+    @property
+    def multipliers(self) -> Complex[Array, "... 2"]:
+        """Eigenvalues of the derivative of the map from one launch to the next; (..., 2).
+
+        By these factors perturbations shrink in half a period. The one of larger modulus is
+        first.
+        """
+        return _compute_multipliers(self.trace, self.determinant)
 
     def __str__(self) -> str:
         units = {"launch_velocity": "rad/s", "phase": "rad", "peak_rotation": "rad"}
-        names = [name for name in self.__dataclass_fields__ if name != "multipliers"]
-        text = format_fields(self, **dict.fromkeys(names, "") | units)
+        names = "rotation_ratio trace determinant exists stable symmetry_broken below_uplift"
+        text = format_fields(self, **units, **dict.fromkeys(names.split(), ""))
         if not is_traced(self.below_uplift) and self.below_uplift.any():
             text += "\nBelow uplift the motion goes on once begun, but cannot begin from rest."
         return text
 
 
+@elementwise(
+    require_two_sides,
+    restitution=UNIT_INTERVAL,
+    amplitude=NON_NEGATIVE,
+    frequency=POSITIVE,
+    model=as_model,
+)
 def harmonic_orbit(
     block: Block,
     restitution: Number,
@@ -106,9 +129,9 @@ def harmonic_orbit(
     restitution : array_like
         C, velocity after an impact over velocity before it [-], between 0 and 1.
     amplitude : array_like
-        Amplitude of the acceleration of the floor [m/s2], at least 0.
+        Amplitude of the acceleration of the floor [m/s2], finite and at least 0.
     frequency : array_like
-        Angular frequency omega of the floor [rad/s], greater than 0.
+        Angular frequency omega of the floor [rad/s], finite and greater than 0.
     model : Nonlinear or Linearized, or their names
         Equation of motion; see `respond`. The linearized motion has a closed form.
 
@@ -120,8 +143,8 @@ def harmonic_orbit(
     Raises
     ------
     ValueError
-        If a concrete argument is out of range (a traced one gives NaN), or if the block is
-        one-sided.
+        If a concrete `restitution`, `amplitude` or `frequency` is out of range (a traced one
+        gives NaN), or if the block is one-sided.
 
     Notes
     -----
@@ -138,70 +161,37 @@ def harmonic_orbit(
     >>> print(f"{orbit.rotation_ratio:.3f}", bool(orbit.stable), bool(orbit.below_uplift))
     0.094 True True
     """
-    # There are two programs. The first one masks its arguments and sets orbits that do not
-    # exist to NaN; the second one recognizes them by this NaN.
-    return _make_orbit(
-        *_compute_quantities(block, restitution, amplitude, frequency, as_model(model))
-    )
-
-
-@elementwise(
-    require_two_sides,
-    restitution=UNIT_INTERVAL,
-    amplitude=NON_NEGATIVE,
-    frequency=POSITIVE,
-    model=as_model,
-)
-def _compute_quantities(
-    block: Block,
-    restitution: Number,
-    amplitude: Number,
-    frequency: Number,
-    model: RockingModel,
-) -> tuple[dict[str, Reals], Reals]:
-    """Compute the quantities of all orbits, row by row, each row side by side.
-
-    Returns
-    -------
-    quantities : dict of Array
-        Fields of `HarmonicOrbit`, NaN where there is none.
-    uplift_excess : Array
-        Acceleration that lifts the block from rest, beyond the amplitude [m/s2].
-    """
-    equation = Equation.of(block, model)
+    model = as_model(model)
+    angle = block.critical_angle
     rate = block.frequency_parameter
-    angle = equation.critical_angle
-    equation = eqx.tree_at(lambda e: e.p_squared, equation, jnp.ones_like(equation.p_squared))
-    restitution = jnp.asarray(restitution)
-    amplitude = jnp.asarray(amplitude)
-    strength = amplitude / (block.gravity * angle)
+    equation = dataclasses.replace(Equation.of(block, model), p_squared=jnp.ones_like(rate))
+    strength = jnp.divide(amplitude, block.gravity * angle)
     ratio = jnp.divide(frequency, rate)
-    scenes = HarmonicScene(equation, restitution, ratio, strength)
-    leaves, form = jax.tree.flatten(unify_precision(scenes))
-    shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
+    scenes = HarmonicScene(equation, jnp.asarray(restitution), ratio, strength)
+    scenes = unify_precision(scenes)
+    shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(scenes)))
     size = math.prod(shape)
-    # Rows of nearly equal length; the last one is filled with the last orbit.
+    # Rows of nearly equal length; the last one is filled with the first orbits once more.
     rows = max(1, -(-size // _TOGETHER))
     width = -(-size // rows)
 
     def divide_into_rows(leaf: Reals) -> Reals:
-        flat = jnp.broadcast_to(leaf, shape).reshape(-1)
-        return jnp.pad(flat, (0, rows * width - size), mode="edge").reshape(rows, width)
+        return jnp.resize(jnp.broadcast_to(leaf, shape), (rows, width))
 
-    scenes = jax.tree.unflatten(form, [divide_into_rows(leaf) for leaf in leaves])
-    solved = jax.lax.map(jax.vmap(_solve_scene), scenes)
+    # Row by row, each row side by side.
+    solved = jax.lax.map(jax.vmap(_solve_scene), jax.tree.map(divide_into_rows, scenes))
     landing, phase, peak, trace, exists = (p.reshape(-1)[:size].reshape(shape) for p in solved)
-    quantities = dict(
-        launch_velocity=restitution * (landing * angle * rate),
+    orbit = HarmonicOrbit(
+        launch_velocity=jnp.multiply(restitution, landing * angle * rate),
         phase=phase,
         peak_rotation=peak * angle,
         rotation_ratio=peak,
         trace=trace,
-        determinant=restitution**2,
+        determinant=jnp.square(restitution),
+        uplift_margin=uplift_acceleration(block, model) - amplitude,
     )
     # The mask comes last, so that no NaN is a factor of a derivative.
-    quantities = {name: jnp.where(exists, part, jnp.nan) for name, part in quantities.items()}
-    return quantities, uplift_acceleration(block, model) - amplitude
+    return jax.tree.map(lambda part: jnp.where(exists, part, jnp.nan), orbit)
 
 
 def _solve_scene(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Booleans]:
@@ -209,22 +199,19 @@ def _solve_scene(scene: HarmonicScene) -> tuple[Reals, Reals, Reals, Reals, Bool
 
     All in units of 1 / p and alpha_c.
     """
-    linearized = isinstance(scene.equation.model, Linearized)
-    steady = solve_linearized(scene) if linearized else solve_nonlinear(scene)
+    steady = solve_linearized(scene) if scene.equation.linearized else solve_nonlinear(scene)
     instants = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, _INSTANTS) / _INSTANTS)
     instants = jnp.asarray(instants, scene.amplitude.dtype)
     rotations = steady.path(instants)[0]
     peak = _find_peak(steady.path, scene.half_period, instants, rotations)
-    sine = steady.sine
-    cosine = steady.cosine
     # A solution of the equations counts only if the block stays above the ground and does not
     # overturn: otherwise there would be other impacts, or none.
     toppled = scene.equation.critical_angle * peak >= TOPPLED_ROTATION
     exists = steady.exists & (rotations.min() > 0) & ~toppled
-    moves = (sine != 0) | (cosine != 0)
+    moves = (steady.sine != 0) | (steady.cosine != 0)
     # The phase is counted from the cosine axis, so that rounding does not turn pi into -pi:
     # the sine is not negative.
-    phase = 0.5 * math.pi - jnp.arctan2(jnp.where(moves, cosine, -1), sine)
+    phase = 0.5 * math.pi - jnp.arctan2(jnp.where(moves, steady.cosine, -1), steady.sine)
     return steady.landing, phase, peak, steady.trace, exists
 
 
@@ -246,32 +233,19 @@ def _find_peak(path: Path, half_period: Reals, instants: Reals, rotations: Reals
 
 
 @jax.jit
-def _make_orbit(quantities: dict[str, Reals], uplift_excess: Reals) -> HarmonicOrbit:
-    """Make the orbit; it exists where the launch velocity is not NaN."""
-    exists = ~jnp.isnan(quantities["launch_velocity"])
-    trace = jnp.where(exists, quantities["trace"], 0)
-    determinant = jnp.where(exists, quantities["determinant"], 0)
-    multipliers = _compute_multipliers(trace, determinant)
-    return HarmonicOrbit(
-        **quantities,
-        multipliers=jnp.where(exists[..., None], multipliers, jnp.nan),
-        exists=exists,
-        stable=exists & (jnp.abs(trace) < 1 + determinant) & (determinant < 1),
-        symmetry_broken=exists & (trace < -1 - determinant),
-        below_uplift=exists & (uplift_excess > 0),
-    )
-
-
 def _compute_multipliers(trace: Reals, determinant: Reals) -> Complex[Array, "... 2"]:
     """Compute both eigenvalues, first the larger in modulus or the one of positive phase."""
-    half = 0.5 * trace
-    square = half**2 - determinant
+    exists = ~jnp.isnan(trace)
+    half = jnp.where(exists, 0.5 * trace, 0)
+    product = jnp.where(exists, determinant, 0)
+    square = half**2 - product
     differ = square != 0
     # Where the root is not used, it is taken of 1: the root of 0 would make derivatives NaN.
     root = jnp.where(differ, jnp.sqrt(jnp.where(differ, jnp.abs(square), 1)), 0)
     # The smaller eigenvalue is computed as a quotient: a difference would cancel.
     larger = half + jnp.where(half < 0, -root, root)
-    smaller = determinant / jnp.where(larger == 0, 1, larger)
+    smaller = product / jnp.where(larger == 0, 1, larger)
     real = jnp.where(square[..., None] > 0, jnp.stack([larger, smaller], -1), half[..., None])
     imaginary = jnp.where(square < 0, root, 0)
-    return jax.lax.complex(real, jnp.stack([imaginary, -imaginary], -1))
+    multipliers = jax.lax.complex(real, jnp.stack([imaginary, -imaginary], -1))
+    return jnp.where(exists[..., None], multipliers, jnp.nan)

@@ -4,13 +4,11 @@ The map of `repeated_pulses_map` is iterated from rest. Where this motion dies o
 larger fixed points are sought from the top down.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import ArrayLike
 
 from ..block import Block
 from ..ground_motion import Pulse
@@ -22,7 +20,7 @@ from ..validation import Booleans, Integers, Number, Reals
 from .repeated_pulses_map import (
     PulsedScene,
     check_pulsed_arguments,
-    compute_landing,
+    compute_gap,
     limit_tolerance,
 )
 
@@ -136,19 +134,6 @@ def pulsed_phase(
     return compute_phase(scene, as_model(model), rtol)
 
 
-def _compute_gap(
-    scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
-) -> tuple[Reals, tuple[Reals, ...], Booleans]:
-    """Compute the gap P(v) - v, 0 at a fixed point; rate, time and peak; and overturning."""
-    value, rate, (time, peak, overturns) = jax.jvp(
-        lambda v: compute_landing(scene, v, model, rtol),
-        (velocity,),
-        (jnp.ones_like(velocity),),
-        has_aux=True,
-    )
-    return value - velocity, (rate, time, peak), overturns
-
-
 class _Sample(NamedTuple):
     """The gap at one velocity; NaN where no landing follows."""
 
@@ -167,6 +152,7 @@ class _PhaseSearch(NamedTuple):
 
     trial: Reals  # where the map is evaluated next
     last: _Sample
+    values: tuple[Reals, ...]  # rate, time of the impact and peak at the last evaluation
     point: Integers  # index in the scan; -1 as long as the map is iterated from rest
     since: Integers  # evaluations since the beginning, or since that point
     goes_on: Booleans
@@ -204,15 +190,13 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
     bottom = 0.02 * jnp.minimum(p * (pulse.end - pulse.start), 1) * critical
     tolerance = limit_tolerance(critical, rtol)
 
-    def place_point(index: ArrayLike) -> Reals:
+    def place_point(index: Reals | int) -> Reals:
         return top * (bottom / top) ** (index / (_POINTS - 1))
 
-    def evaluate_map(
-        state: tuple[_PhaseSearch, tuple[Reals, ...]],
-    ) -> tuple[_PhaseSearch, tuple[Reals, ...]]:
-        search, _ = state
+    def evaluate_map(search: _PhaseSearch) -> _PhaseSearch:
         velocity = search.trial
-        gap, values, overturns = _compute_gap(scene, velocity, model=model, rtol=rtol)
+        gap, values, overturns = compute_gap(scene, velocity, model=model, rtol=rtol)
+        search = search._replace(values=values)
         new = _Sample(velocity, gap, values[0] - 1)
         size = tolerance * velocity
         # Within a few tolerances, a gap that no longer shrinks is the error of the map.
@@ -221,24 +205,25 @@ def _search_fixed_point(scene: PulsedScene, *, model: RockingModel, rtol: float)
         # An unstable fixed point does not count: no motion stays there.
         stands = reached & (jnp.abs(values[0]) <= 1)
         iterated = _iterate_from_rest(search, new, stands, overturns, place_point(0))
-        scanned = _scan_downwards(search, new, reached, stands, place_point)
-        return select_tree(search.point < 0, iterated, scanned), values
+        below = place_point((search.point + 1).astype(top.dtype))
+        scanned = _scan_downwards(search, new, reached, stands, below)
+        return select_tree(search.point < 0, iterated, scanned)
 
     zero = jnp.zeros_like(top)
     count = jnp.zeros((), int)
     no = jnp.zeros((), bool)
     # The gap of 0 is not negative: above the first point no fixed point is sought.
     start = _Sample(zero, zero, zero)
+    zeros = (zero, zero, zero)
     begin = _PhaseSearch(
-        zero, start, count - 1, count, ~no, no, no, zero + 1, no, zero, start, start
+        zero, start, zeros, count - 1, count, ~no, no, no, zero + 1, no, zero, start, start
     )
-    final, values = jax.lax.while_loop(
-        lambda state: state[0].goes_on, evaluate_map, (begin, (zero, zero, zero))
-    )
-    root, *values = (jnp.where(final.exists, x, 0) for x in (final.last.velocity, *values))
+    final = jax.lax.while_loop(lambda search: search.goes_on, evaluate_map, begin)
+    answers = (final.last.velocity, final.values)
+    root, values = jax.tree.map(lambda x: jnp.where(final.exists, x, 0), answers)
     from_rest = final.point < 0
     flags = from_rest & final.exists, ~from_rest & ~final.exists, final.overturns
-    return Root(root, tuple(values), final.exists, flags)
+    return Root(root, values, final.exists, flags)
 
 
 def _iterate_from_rest(
@@ -304,13 +289,9 @@ def _iterate_from_rest(
 
 
 def _scan_downwards(
-    search: _PhaseSearch,
-    new: _Sample,
-    reached: Booleans,
-    stands: Booleans,
-    place_point: Callable[[ArrayLike], Reals],
+    search: _PhaseSearch, new: _Sample, reached: Booleans, stands: Booleans, below: Reals
 ) -> _PhaseSearch:
-    """Store the sample at the trial, and choose the next trial."""
+    """Store the sample at the trial, and choose the next trial, perhaps the next point below."""
     # The trial was       | What happens next
     # --------------------|-------------------------------------------------------------------
     # a point (since = 0) | The sample becomes `left`. Between it and `right`, the point above
@@ -338,7 +319,7 @@ def _scan_downwards(
     hides = hides & wide & (search.since <= _MAX_BETWEEN) & ~reached
     point = jnp.where(hides, search.point, search.point + 1)
     return search._replace(
-        trial=jnp.where(hides, between, place_point(point.astype(between.dtype))),
+        trial=jnp.where(hides, between, below),
         last=new,
         point=point,
         since=jnp.where(hides, search.since + 1, 0),
@@ -382,7 +363,7 @@ def _propose_velocity(
     return crosses | edge | hump, jnp.where(inside, newton, middle)
 
 
-_find_fixed_point = differentiate_implicitly(_search_fixed_point, _compute_gap)
+_find_fixed_point = differentiate_implicitly(_search_fixed_point, compute_gap)
 
 
 @eqx.filter_jit

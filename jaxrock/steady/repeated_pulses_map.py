@@ -22,7 +22,7 @@ from ..validation import Booleans, Number, Reals, check_kind, unify_precision
 
 # Time to wait for an impact after the pulse, times p. A block that has not landed by then lies
 # on its side, or nearly balances.
-_LONGEST_WAIT = 200.0
+_MAX_WAIT = 200.0
 
 PulsedScene = tuple[Block, Reals, Pulse]
 
@@ -78,23 +78,33 @@ def limit_tolerance(like: Reals, rtol: float) -> float:
     return max(rtol, 20 * float(jnp.finfo(like.dtype).eps))
 
 
-def compute_landing(
-    scene: PulsedScene, velocity: Reals, model: RockingModel, rtol: float
-) -> tuple[Reals, tuple[Reals, Reals, Booleans]]:
-    """Apply the map P: compute the next landing velocity, 0 where the block stays at rest.
+def compute_gap(
+    scene: PulsedScene, velocity: Reals, *, model: RockingModel, rtol: float
+) -> tuple[Reals, tuple[Reals, ...], Booleans]:
+    """Compute the gap P(v) - v of the map, 0 at a fixed point.
 
     Returns
     -------
-    landing : Array
-        NaN where the block overturns, or where the integration failed.
-    details : tuple of Array
-        Time of the impact, peak rotation, and whether the block overturns.
+    gap : Array
+        NaN where the block overturns, or where the integration failed. P(v) is 0 where the
+        block stays at rest.
+    values : tuple of Array
+        Rate of the map, time of the impact, and peak rotation.
+    overturns : Array of bool
+        Whether the block overturns.
     """
-    response, (time, arriving) = follow_half_cycle(scene, velocity, _LONGEST_WAIT, model, rtol)
-    landed = response.impacts > 0
-    # Without an impact, NaN of its time and velocity must not enter derivatives.
-    landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
-    stays = landed | response.at_rest
-    overturns = ~stays & (response.status <= Status.LIST_FULL)
-    details = jnp.where(landed, time, 0), response.peak_rotation, overturns
-    return jnp.where(stays, landing, jnp.nan), details
+
+    def find_landing(velocity: Reals) -> tuple[Reals, tuple[Reals, Reals, Booleans]]:
+        response, (time, arriving) = follow_half_cycle(scene, velocity, _MAX_WAIT, model, rtol)
+        landed = response.impacts > 0
+        # Without an impact, NaN of its time and velocity must not enter derivatives.
+        landing = jnp.where(landed, jnp.abs(jnp.where(landed, arriving, 1)), 0)
+        stays = landed | response.at_rest
+        overturns = ~stays & (response.status <= Status.LIST_FULL)
+        details = jnp.where(landed, time, 0), response.peak_rotation, overturns
+        return jnp.where(stays, landing, jnp.nan), details
+
+    landing, rate, (time, peak, overturns) = jax.jvp(
+        find_landing, (velocity,), (jnp.ones_like(velocity),), has_aux=True
+    )
+    return landing - velocity, (rate, time, peak), overturns

@@ -29,8 +29,7 @@ from .repeated_pulses_map import (
 
 # Step of the logarithm of the amplitude on the way up.
 _STEP = 0.2
-# Range of this logarithm: 300 steps.
-_RANGE = 300 * _STEP
+_MAX_STEPS = 300  # on the way up
 # For `from_rest` the pulses are weaker by this fraction: at the threshold itself rounding
 # decides.
 _WEAKER = 1e-6
@@ -65,8 +64,8 @@ class PulsedThreshold(Printed, eqx.Module):
     from_rest: Booleans
 
     def __str__(self) -> str:
-        units = {"amplitude": "m/s2", "intensity": "m/s"}
-        return format_fields(self, **dict.fromkeys(self.__dataclass_fields__, "") | units)
+        unitless = dict.fromkeys(("rate", "lifts", "from_rest"), "")
+        return format_fields(self, amplitude="m/s2", intensity="m/s", **unitless)
 
 
 def critical_pulsed_amplitude(
@@ -122,20 +121,14 @@ def critical_pulsed_amplitude(
     scene = check_pulsed_arguments(block, restitution, pulse, rtol)
     model = as_model(model)
     threshold, weaker, expected = _compute_threshold(scene, model, rtol)
-    # A boolean has no derivatives. The phase is computed separately, since this program is
-    # likely to be compiled already.
-    weaker, expected = jax.lax.stop_gradient(((*scene[:2], weaker), expected))
+    # The phase is computed separately, since this program is likely to be compiled already.
     phase = compute_phase(weaker, model, max(rtol, 1e-9))
     leads = _is_reached_from_rest(phase, *expected)
     return eqx.tree_at(lambda t: t.from_rest, threshold, threshold.from_rest & leads)
 
 
 def _compute_margin(
-    scene: PulsedScene,
-    logarithm: Reals,
-    direction: tuple[Reals, Reals],
-    model: RockingModel,
-    rtol: float,
+    scene: PulsedScene, logarithm: Reals, direction: Reals, model: RockingModel, rtol: float
 ) -> tuple[Reals, Reals, tuple[Reals, Booleans]]:
     """Compute the margin to overturning at the end of the pulse, after a landing with v_c.
 
@@ -144,7 +137,7 @@ def _compute_margin(
     scene : PulsedScene
     logarithm : Array
         Logarithm of the amplitude.
-    direction : tuple of Array
+    direction : Array, shape (2,)
         Direction of the slope: change of this logarithm, and of the landing velocity before.
     model : RockingModel
     rtol : float
@@ -158,29 +151,25 @@ def _compute_margin(
     block, restitution, pulse = scene
     equation = Equation.of(block, model)
 
-    def margin_when_pulse_ends(
-        logarithm: Reals, velocity: Reals
-    ) -> tuple[Reals, tuple[Reals, Booleans]]:
-        stronger = block, restitution, pulse.scaled(jnp.exp(logarithm))
-        response = follow_half_cycle(stronger, velocity, 0.0, model, rtol).response
+    def margin_when_pulse_ends(point: Reals) -> tuple[Reals, tuple[Reals, Booleans]]:
+        stronger = block, restitution, pulse.scaled(jnp.exp(point[0]))
+        response = follow_half_cycle(stronger, point[1], 0.0, model, rtol).response
         side = jnp.where(response.final_rotation < 0, -1, 1)
         outward = side * response.final_velocity
         returning = equation.returning_velocity(side * response.final_rotation)
         margin = (returning - outward) / equation.critical_velocity
         return margin, (outward, response.impacts > 0)
 
-    point = logarithm, equation.critical_velocity
-    return jax.jvp(margin_when_pulse_ends, point, direction, has_aux=True)
+    point = jnp.stack([logarithm, equation.critical_velocity])
+    return jax.jvp(margin_when_pulse_ends, (point,), (direction,), has_aux=True)
 
 
 def _compute_threshold_residual(
     scene: PulsedScene, logarithm: Reals, *, model: RockingModel, rtol: float
 ) -> tuple[Reals, tuple[Reals, ...]]:
     """Compute the margin, 0 at the threshold, and the rate of the half-cycle map there."""
-    along_velocity = jnp.zeros_like(logarithm), jnp.ones_like(logarithm)
-    margin, slope, (velocity, _) = _compute_margin(
-        scene, logarithm, along_velocity, model, rtol
-    )
+    direction = jnp.array([0, 1], logarithm.dtype)
+    margin, slope, (velocity, _) = _compute_margin(scene, logarithm, direction, model, rtol)
     # The block lands with sqrt(v_c^2 + v^2 - D^2), where v is its velocity at the end of the
     # pulse and D the velocity at which it just fails to come back. The margin is
     # (D - v) / v_c, and at the threshold v is D: so the landing velocity changes by -v times
@@ -229,7 +218,7 @@ def _search_threshold(scene: PulsedScene, *, model: RockingModel, rtol: float) -
     def evaluate_margin(search: _ThresholdSearch) -> _ThresholdSearch:
         trial = search.trial
         # Once the threshold is found, along the velocity, for the rate of the map.
-        along = jnp.where(search.located, zero, 1), jnp.where(search.located, 1, zero)
+        along = jnp.stack([~search.located, search.located]).astype(trial.dtype)
         margin, slope, (velocity, lands) = _compute_margin(scene, trial, along, model, rtol)
         gain = -velocity * slope
         # Written so that the NaN of an unfinished integration counts as overturned.
@@ -243,16 +232,15 @@ def _search_threshold(scene: PulsedScene, *, model: RockingModel, rtol: float) -
         stuck = (size <= 1e3 * tolerance) & (size >= 0.5 * jnp.abs(search.step))
         located = between & ((size <= tolerance) | stuck)
         newton = trial + step
-        inside = (
-            (newton > low) & (newton < high) & ((search.since == 0) | (search.since % 3 != 0))
-        )
+        inside = (newton > low) & (newton < high) & (search.since % 4 != 3)
         inner = jnp.where(inside, newton, 0.5 * (low + high))
-        following = jnp.where(between, inner, trial + _STEP)
         # Where the pulse begins to catch the block before it lands, the outcome may jump to
         # overturning without a threshold.
-        wide = jnp.where(between, high - low > 4 * eps * jnp.abs(high), trial < first + _RANGE)
+        wide = jnp.where(
+            between, high - low > 4 * eps * jnp.abs(high), trial < first + _MAX_STEPS * _STEP
+        )
         onward = _ThresholdSearch(
-            trial=jnp.where(located, trial, following),
+            trial=jnp.select([located, between], [trial, inner], trial + _STEP),
             low=low,
             high=high,
             step=step,
@@ -278,18 +266,19 @@ _find_threshold = differentiate_implicitly(_search_threshold, _compute_threshold
 @eqx.filter_jit
 def _compute_threshold(
     scene: PulsedScene, model: RockingModel, rtol: float
-) -> tuple[PulsedThreshold, Pulse, tuple[Reals, Reals]]:
+) -> tuple[PulsedThreshold, PulsedScene, tuple[Reals, Reals]]:
     """Find the threshold, and the data to check whether it is reached from rest.
 
     Returns
     -------
     threshold : PulsedThreshold
-    weaker : Pulse
-        A pulse slightly weaker than the threshold.
+    weaker : PulsedScene
+        With a pulse slightly weaker than the threshold.
     expected : tuple of Array
-        Landing velocity at the fixed point of this pulse, and its tolerance.
+        Landing velocity at the fixed point of this pulse, and its tolerance. A boolean follows
+        from both, so that they have no derivatives.
     """
-    block, _, pulse = scene
+    block, restitution, pulse = scene
     root = _find_threshold(scene, model=model, rtol=rtol)
     (rate,) = root.values
     (gain,) = root.flags
@@ -307,7 +296,8 @@ def _compute_threshold(
     # Short cosines nearly cancel: slightly less amplitude is much less velocity. The fixed
     # point moves by the gain of the map over 1 minus its rate.
     less = _WEAKER * gain / jnp.where(rate < 1, 1 - rate, 1)
-    return threshold, weaker, (critical - less, _NEAR * critical + 0.5 * jnp.abs(less))
+    expected = (critical - less, _NEAR * critical + 0.5 * jnp.abs(less))
+    return threshold, *jax.lax.stop_gradient(((block, restitution, weaker), expected))
 
 
 @jax.jit
