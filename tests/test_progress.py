@@ -19,7 +19,9 @@ def look(monkeypatch, stderr):
     """Let bars be shown at once."""
     make = sys.modules["jaxrock.host.progress"].tqdm
     options = {"mininterval": 0, "delay": 0}
-    monkeypatch.setattr("jaxrock.host.progress.tqdm", lambda **o: make(**o | options))
+    monkeypatch.setattr(
+        "jaxrock.host.progress.tqdm", lambda items, **o: make(items, **o | options)
+    )
     monkeypatch.setattr("sys.stderr", stderr)
     return stderr
 

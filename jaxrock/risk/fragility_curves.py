@@ -8,7 +8,7 @@ import numpy as np
 from ..block import Block, size_of
 from ..grids import describe_axis
 from ..ground_motion import MEASURES, Suite, describe_suite
-from ..host import Labelled, add_names, format_table, make_dataset
+from ..host import add_names, format_table, make_dataset
 from ..numerics import bound_probabilities
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..sensitivity import Uncertain
@@ -249,7 +249,7 @@ def label_variables(
     descriptions: Mapping[str, tuple[str, str, str]],
     values: Mapping[str, np.ndarray],
     measure_unit: str,
-) -> dict[str, Labelled]:
+) -> dict[str, tuple]:
     """Label values by dimensions, long name and unit; "" for none."""
     labelled = {}
     for name, array in values.items():

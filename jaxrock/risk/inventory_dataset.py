@@ -148,19 +148,13 @@ def describe_place(answer: "xarray.Dataset") -> str:
     return ", ".join(wall + floor)
 
 
-def tabulate_inventory(assessed: "xarray.Dataset") -> dict[str, list[Any]]:
-    """List the columns of an assessed inventory, with a column for each note."""
-    columns: dict[str, list[Any]] = {
-        "rank": assessed["rank"].values.tolist(),
-        "name": assessed.object.values.tolist(),
-    }
-    for name, variable in assessed.data_vars.items():
-        if variable.ndim == 1:
-            columns[str(name)] = variable.values.tolist()
-            continue
-        for label, values in zip(assessed.column.values, variable.values.T, strict=True):
-            columns[f"{name}: {label}"] = values.tolist()
-    return columns
+def tabulate_inventory(assessed: "xarray.Dataset") -> "xarray.Dataset":
+    """Make a dataset over the rank alone, with a variable for each column of notes."""
+    flat = assessed.swap_dims(object="rank").reset_coords("object").rename(object="name")
+    names = ["name", *(name for name in assessed.data_vars if name != "note")]
+    labels = flat.column.values if "column" in flat.dims else ()
+    notes = {f"note: {label}": flat.note.sel(column=label, drop=True) for label in labels}
+    return flat[names].assign(notes)
 
 
 def describe_inventory(assessed: "xarray.Dataset") -> str:
