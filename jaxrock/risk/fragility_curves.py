@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..block import Block, size_of
-from ..grids import describe_axis
 from ..ground_motion import MEASURES, Suite, describe_suite
 from ..host import add_names, format_table, make_dataset
 from ..numerics import bound_probabilities
@@ -158,7 +157,7 @@ def fragility(
     long_name, unit, _ = MEASURES[measure]
     variables = label_variables(_VARIABLES, values, unit)
     coordinates = {
-        "sample": ("sample", np.arange(samples), describe_axis("sample")),
+        "sample": ("sample", np.arange(samples), {"long_name": "sample"}),
         "level": ("level", levels, describe_variable(long_name, unit)),
     }
     parameters = {**size_of(block, "shape"), "restitution": coefficient}
