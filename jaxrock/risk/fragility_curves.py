@@ -157,7 +157,6 @@ def fragility(
     long_name, unit, _ = MEASURES[measure]
     variables = label_variables(_VARIABLES, values, unit)
     coordinates = {
-        "sample": ("sample", np.arange(samples), {"long_name": "sample"}),
         "level": ("level", levels, describe_variable(long_name, unit)),
     }
     parameters = {**size_of(block, "shape"), "restitution": coefficient}
@@ -238,9 +237,6 @@ def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
         else:
             check("thresholds", as_real("thresholds", threshold), POSITIVE)
             names.append(f"{float(threshold):g}")
-    if not names or len(set(names)) < len(names):
-        listed = ", ".join(names) or "none"
-        raise ValueError(f"thresholds must be at least one, each only once, got {listed}")
     return names
 
 

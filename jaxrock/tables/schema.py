@@ -121,16 +121,15 @@ def read_columns(table: Table, columns: Mapping[str, Column]) -> Contents:
 
 def _convert_cell(
     table: Table, cell: str, column: Column, head: Head
-) -> str | bool | float | None:
+) -> str | bool | np.ndarray | None:
     """Convert a cell; None if it is not understood, or out of the domain."""
     if column.dimension == "text":
         return cell
     if column.dimension == "flag":
         return _FLAGS.get(cell.lower())
     number = table.parse_number(cell) if cell else math.nan
-    value = math.nan if number is None else number * (head.unit.factor if head.unit else 1.0)
+    if number is None:
+        return None
+    value = np.asarray(number * (head.unit.factor if head.unit else 1.0))
     # Programs write NaN for what is missing.
-    is_valid = number is not None and (
-        math.isnan(value) or column.domain.contains(np.asarray(value))
-    )
-    return value if is_valid else None
+    return value if np.isnan(value) or column.domain.contains(value) else None
