@@ -17,9 +17,10 @@ class Terminal(io.StringIO):
 
 def look(monkeypatch, stderr):
     """Let bars be shown at once."""
-    make = sys.modules["jaxrock.host.progress"].tqdm
+    progress = sys.modules["jaxrock.host.progress"]
+    make = progress.tqdm
     options = {"mininterval": 0, "delay": 0}
-    monkeypatch.setattr("jaxrock.host.progress.tqdm", lambda **o: make(**o | options))
+    monkeypatch.setattr(progress, "tqdm", lambda items, **o: make(items, **o | options))
     monkeypatch.setattr("sys.stderr", stderr)
     return stderr
 

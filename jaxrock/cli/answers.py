@@ -1,6 +1,8 @@
 """Answers of commands: what they print, and the files that they write."""
 
+import contextlib
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,20 +70,19 @@ class Files:
         write_csv(self.folder / name, columns, {**self.about, **about})
 
     def write_dataset(
-        self, dataset: "xarray.Dataset", drawn: Any, title: str = "", table: Any = None
+        self,
+        dataset: "xarray.Dataset",
+        drawn: Any,
+        title: str = "",
+        table: "xarray.Dataset | None" = None,
     ) -> None:
         """Write a dataset as NetCDF, its picture, and a table: by default of the same."""
         dataset = dataset.assign_attrs(self.about)
         # A large dataset has been written already, part by part.
         if not (self.folder / f"{self.name}.nc").exists():
             dataset.to_netcdf(self.folder / f"{self.name}.nc")
-        if isinstance(table, dict):
-            found = {head: dataset.get(head.split(" ")[0].rstrip(":")) for head in table}
-            units = {h: v.attrs.get("units", "") for h, v in found.items() if v is not None}
-            write_csv(self.folder / f"{self.name}.csv", table, self.about, units)
-        else:
-            chosen = dataset if table is None else table.assign_attrs(self.about)
-            write_table(chosen, self.folder / f"{self.name}.csv")
+        chosen = dataset if table is None else table.assign_attrs(self.about)
+        write_table(chosen, self.folder / f"{self.name}.csv")
         self.save_picture(f"{self.name}.png", drawn, title)
 
     def save_picture(self, name: str, drawn: Any, title: str = "") -> None:
@@ -93,6 +94,15 @@ class Files:
         drawn.figure.savefig(self.folder / name, dpi=150)
         # pyplot keeps every figure until it is closed.
         plt.close(drawn.figure)
+
+
+def show_message(text: str) -> None:
+    """Print a line on standard error."""
+    # It may be closed or full; the exit code says the same. Without a standard error `print`
+    # would write to the standard output.
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError):
+            print(f"jaxrock: {text}", file=sys.stderr)
 
 
 def list_rows(columns: Mapping[str, Sequence[object]]) -> list[dict[str, object]]:

@@ -6,18 +6,16 @@ A new command is a function in a file of this room and a line in `COMMANDS`.
 import contextlib
 import functools
 import gc
-import logging
 import os
 import shlex
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import jax
 from cyclopts import App, CycloptsError, Parameter
 
-from ..host import read_version
-from .answers import Answer
+from .answers import Answer, show_message
 from .compiled_programs import keep_compiled
 from .measured import fit, validate
 from .one_block import assess, critical, respond
@@ -42,7 +40,6 @@ def make_application() -> App:
     application = App(
         name="jaxrock",
         help="Rocking of rigid blocks: whether a block rocks, how far, and what overturns it.",
-        version=read_version,
         # Without `negative`, a flag such as --force has no twin --no-force. Lists take all
         # words up to the next option, as in --width 0.4 0.8.
         default_parameter=Parameter(
@@ -72,7 +69,10 @@ def run_command(words: Sequence[str]) -> int:
     gc.set_threshold(100_000, 20, 50)
     keep_compiled()
     try:
-        with _show_messages():
+        with warnings.catch_warnings():
+            # Without the path and the line of code; once, however often one is given.
+            show = functools.cache(lambda message: show_message(f"warning: {message}"))
+            warnings.showwarning = lambda message, *_, **__: show(str(message))
             answer = _compute_answer(words)
         if answer is None:
             return 0
@@ -82,7 +82,7 @@ def run_command(words: Sequence[str]) -> int:
     # What a user can do something about. All else is a fault of jaxrock, and shows its
     # traceback.
     except (ValueError, OSError, MemoryError, ModuleNotFoundError) as error:
-        _complain(f"error: {error}")
+        show_message(f"error: {error}")
         # Python would try again at its end to write what is left in the buffer.
         with contextlib.suppress(OSError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -105,30 +105,3 @@ def _compute_answer(words: Sequence[str]) -> Answer | None:
     # Help and the version are functions of cyclopts, which print when they are called.
     answer = command(*given.args, **given.kwargs)
     return answer if isinstance(answer, Answer) else None
-
-
-def _complain(text: str) -> None:
-    """Print a line on standard error."""
-    # It may be closed or full; the exit code says the same. Without a standard error `print`
-    # would write to the standard output.
-    if sys.stderr is not None:
-        with contextlib.suppress(OSError):
-            print(f"jaxrock: {text}", file=sys.stderr)
-
-
-@contextlib.contextmanager
-def _show_messages() -> Iterator[None]:
-    """Print warnings and messages of the library inside, each as one line."""
-    handler = logging.Handler()
-    handler.emit = lambda record: _complain(record.getMessage())
-    logger = logging.getLogger("jaxrock")
-    show = functools.cache(lambda message: _complain(f"warning: {message}"))
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO)
-    try:
-        with warnings.catch_warnings():
-            # Without the path and the line of code; once, however often one is given.
-            warnings.showwarning = lambda message, *_, **__: show(str(message))
-            yield
-    finally:
-        logger.removeHandler(handler)

@@ -11,7 +11,6 @@ def fit(
     file: Path,
     *,
     model: ModelName | None = None,
-    time_noise: float | None = None,
     block_options: BlockOptions = BlockOptions(),
     output: FileOutput = FileOutput(),
 ) -> Answer:
@@ -33,16 +32,12 @@ def fit(
         The file with the times of the impacts.
     model
         Equation of motion. By default nonlinear with a block; always linearized without one.
-    time_noise
-        Standard deviation of a measured time [s]; by default estimated from the residuals.
     """
     block = block_options.block_if_given
     refuse("where it is fitted", restitution=block_options.restitution)
     times, peaks = calibration.read_impact_times(file)
     with output.write("fit", "fit.csv", "fit.png", dataset=False) as files:
-        fitted = calibration.fit_free_rocking(
-            times, block, peak_rotations=peaks, model=model, time_noise=time_noise
-        )
+        fitted = calibration.fit_free_rocking(times, block, peak_rotations=peaks, model=model)
         columns = fitted.table()
         files.write_csv("fit.csv", columns)
         files.save_picture("fit.png", fitted.plot())

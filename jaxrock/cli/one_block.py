@@ -84,8 +84,7 @@ def respond(
         response = driven.respond(block, c, motion, length, model=model)
         status = Status(int(response.status))
         # No file is written of a motion that breaks off: half of it would look like all.
-        if status in (Status.STOPPED, Status.INVALID):
-            raise ValueError(f"integration did not finish: {status.description}")
+        driven.require_complete(np.array(status not in (Status.STOPPED, Status.INVALID)))
         uplift = float(overturning.uplift_factor(block, motion, model=model))
         # A response to a record may be irregular: the peaks around it say how many digits it has.
         scaled = motion.scaled(np.linspace(0.9, 1.1, 41))
@@ -100,13 +99,10 @@ def respond(
     strength = describe_strength(motion) if isinstance(motion, Record) else str(motion)
     lines = [title, strength, str(response)]
     ratios = np.asarray(nearby.peak_rotation / block.critical_angle)[~nearby.overturned]
-    peaks = (
-        [f"{ratios.min():.2g} to {ratios.max():.2g} of the critical angle"]
-        if ratios.size
-        else []
-    )
-    peaks += [f"overturns at {41 - ratios.size} of 41"] * (ratios.size < 41)
-    lines.append(f"peaks for factors of 0.9 to 1.1 on the motion: {'; '.join(peaks)}")
+    peaks = f"overturns at {41 - ratios.size} of 41"
+    if ratios.size:
+        peaks = f"{ratios.min():.2g} to {ratios.max():.2g} of the critical angle, {peaks}"
+    lines.append(f"factors of 0.9 to 1.1 on the motion: {peaks}")
     lifts = f"the motion multiplied by {uplift:.4g} just lifts the block"
     lines.append(lifts if np.isfinite(uplift) else "no factor on the motion lifts the block")
     return Answer("\n".join(lines), data, output, files.paths)

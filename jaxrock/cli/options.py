@@ -1,6 +1,7 @@
 """The groups of options that commands share: one block, the output; and grids of numbers."""
 
 import contextlib
+import importlib.metadata
 from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -12,10 +13,10 @@ from cyclopts import Group, Parameter
 
 from ..block import RECTANGLE_INERTIA_RATIO, Block
 from ..grids import as_axis
-from ..host import announce, read_version, write_whole
+from ..host import write_whole
 from ..impact import assume_restitution, describe_scene, read_restitution
 from ..validation import POSITIVE, check
-from .answers import Files
+from .answers import Files, show_message
 
 # Numbers, and texts START:STOP:COUNT for COUNT evenly spaced values, both ends included.
 Grid = Annotated[tuple[float | str, ...], Parameter(metavar="NUMBER|START:STOP:COUNT...")]
@@ -91,8 +92,9 @@ class FileOutput(Output):
         """Let the body write files, all or none: a dataset of this name, and others."""
         target = self.out or Path(name)
         names = [f"{name}.{kind}" for kind in ("nc", "csv", "png") if dataset] + [*others]
-        announce(f"computing what goes into the folder {str(target)!r}")
-        about = {"source": f"jaxrock {read_version()}", "command": COMMAND_LINE.get()}
+        show_message(f"computing what goes into the folder {str(target)!r}")
+        version = importlib.metadata.version("jaxrock")
+        about = {"source": f"jaxrock {version}", "command": COMMAND_LINE.get()}
         with write_whole("--out", target, names, self.force) as scratch:
             yield Files(name, scratch, about, [target / name for name in names])
 

@@ -27,7 +27,6 @@ def spectrum(  # noqa: PLR0913
     inertia_ratio: float = RECTANGLE_INERTIA_RATIO,
     one_sided: bool = False,
     model: Literal["linearized", "nonlinear", "auto"] = "linearized",
-    tolerance: float = 1e-3,
     output: FileOutput = FileOutput(),
 ) -> Answer:
     """Compute resonance spectra over a grid of blocks, as NetCDF, CSV and a picture.
@@ -55,10 +54,8 @@ def spectrum(  # noqa: PLR0913
     one_sided
         The blocks stand against a wall, and rock away from it only.
     model
-        Equation of free rocking; auto takes the cheapest equation within the tolerance at
-        each point.
-    tolerance
-        Allowed relative error, for the model auto.
+        Equation of free rocking; auto takes the cheapest equation within a relative error of
+        0.001 at each point.
     """
     default = (0.4, 0.45, 0.5) if one_sided else (0.6, 0.7, 0.8)
     given = {"slenderness": slenderness, "width": width, "restitution": restitution or default}
@@ -70,7 +67,6 @@ def spectrum(  # noqa: PLR0913
         with spectra.resonance_spectrum(
             *axes,
             model=model,
-            tolerance=tolerance,
             gravity=gravity,
             inertia_ratio=inertia_ratio,
             one_sided=one_sided,

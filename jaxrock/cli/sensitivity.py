@@ -103,7 +103,6 @@ def driven_sensitivity(  # noqa: PLR0913
     answer: Literal["rotation-ratio", "peak-rotation", "margin"] = "rotation-ratio",
     model: ModelName = "nonlinear",
     coefficient_of_variation: float = 0.05,
-    ratio: float = 0.5,
     samples: Count = 4096,
     seed: Count = 0,
     records: Annotated[str | None, Parameter(group=MOTION)] = None,
@@ -130,8 +129,6 @@ def driven_sensitivity(  # noqa: PLR0913
         Equation of motion.
     coefficient_of_variation
         Coefficient of variation of each parameter.
-    ratio
-        Rotation ratio alpha_max / alpha_c whose probability is computed [-].
     samples
         Number of samples of the parameters under each motion, a power of 2.
     seed
@@ -161,9 +158,7 @@ def driven_sensitivity(  # noqa: PLR0913
     with output.write("driven_sensitivity", *names, dataset=False) as files:
         from ..plot import plot_tornado
 
-        outcomes = dependence.outcome_probabilities(
-            block, c, motion, uncertain, ratio=ratio, model=model
-        )
+        outcomes = dependence.outcome_probabilities(block, c, motion, uncertain, model=model)
         columns = outcomes.table_of_sources()
         source = getattr(motion, "source", "")
         head = f"{block_options.text}; by the {model} model; {source}".rstrip("; ")

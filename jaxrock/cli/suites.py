@@ -6,7 +6,7 @@ from typing import Literal
 from .. import risk
 from ..sensitivity import Uncertain
 from ..validation import POSITIVE, check
-from .answers import Answer, list_rows
+from .answers import Answer
 from .motion_options import SuiteOptions
 from .options import (
     BlockOptions,
@@ -187,7 +187,8 @@ def inventory(
     text = risk.describe_inventory(assessed)
     if is_example:
         text += _NEXT_STEPS.format(*files.paths[-2:])
-    data = {"target": target, "measure": site.measure, "objects": list_rows(table)}
+    rows = table.to_dataframe().reset_index()
+    data = {"target": target, "measure": site.measure, "objects": rows.to_dict("records")}
     return Answer(text, data, output, files.paths)
 
 

@@ -1,10 +1,7 @@
 """The machine outside: files, threads, progress, printing of results and of their status."""
 
-from .datasets import Labelled as Labelled
 from .datasets import add_names as add_names
 from .datasets import make_dataset as make_dataset
-from .datasets import read_version as read_version
-from .extras import find_optional as find_optional
 from .extras import import_optional as import_optional
 from .files import defer_interrupts as defer_interrupts
 from .files import end_process as end_process
@@ -16,7 +13,6 @@ from .printing import format_fields as format_fields
 from .printing import format_number as format_number
 from .printing import format_outside as format_outside
 from .printing import format_table as format_table
-from .progress import announce as announce
 from .progress import count_work as count_work
 from .progress import show_progress as show_progress
 from .status import Status as Status

@@ -4,27 +4,20 @@ import importlib.metadata
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
     import xarray
-
-# Dimensions, values, attributes.
-Labelled = tuple[str | Sequence[str], object, Mapping[str, object]]
-
-
-def read_version() -> str:
-    """Return the version of jaxrock that is installed."""
-    return importlib.metadata.version("jaxrock")
 
 
 def make_dataset(
     title: str,
-    variables: Mapping[str, Labelled],
-    coordinates: Mapping[str, Labelled],
+    variables: Mapping[str, tuple],
+    coordinates: Mapping[str, tuple],
     attributes: Mapping[str, object],
 ) -> "xarray.Dataset":
-    """Make a dataset with the attributes that the CF conventions ask for."""
+    """Make a dataset with the attributes that the CF conventions ask for.
+
+    A variable or coordinate is a tuple of its dimensions, values and attributes.
+    """
     import xarray
 
     # Coordinates have no missing values.
@@ -34,7 +27,8 @@ def make_dataset(
     indexes = dataset.indexes.values()
     if all(i.is_monotonic_increasing or i.is_monotonic_decreasing for i in indexes):
         dataset.attrs["Conventions"] = "CF-1.9"  # the first with NumPy's integers of 64 bits
-    return dataset.assign_attrs(title=title, source=f"jaxrock {read_version()}", **attributes)
+    version = importlib.metadata.version("jaxrock")
+    return dataset.assign_attrs(title=title, source=f"jaxrock {version}", **attributes)
 
 
 def add_names(
@@ -45,7 +39,7 @@ def add_names(
     CF wants numbers along dimensions, so that the dataset no longer claims to follow it.
     """
     coordinates = {
-        dimension: (dimension, np.asarray(values, str), {"long_name": long_name})
+        dimension: (dimension, [*values], {"long_name": long_name})
         for dimension, (values, long_name) in names.items()
     }
     named = dataset.assign_coords(coordinates)

@@ -61,9 +61,8 @@ def write_whole(
     """
     try:
         for path in (folder / name for name in names):
-            if path.exists() and not (overwrite and path.is_file()):
-                reason = "exists; --force overwrites it" if path.is_file() else "is no file"
-                raise ValueError(f"{argument}: {str(path)!r} {reason}")
+            if path.exists() and not overwrite:
+                raise ValueError(f"{argument}: {str(path)!r} exists; --force overwrites it")
         # As near to the target as there is a folder: only within one file system is a move
         # atomic.
         nearest = next(path for path in (folder, *folder.parents) if path.exists())

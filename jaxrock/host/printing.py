@@ -81,16 +81,14 @@ def format_outside(module: Checked) -> str:
 
 def format_table(first: str, names: Sequence[str], **columns: Iterable[object]) -> str:
     """Write a table: the first line, then one for each name, a column for each keyword."""
-    heads = ["", *(label.replace("_", " ") for label in columns)]
-    body = ([v if isinstance(v, str) else f"{v:.6g}" for v in c] for c in columns.values())
-    rows = [heads, *zip(names, *body, strict=True)]
-    widths = [max(14, 1 + max(map(len, cells))) for cells in zip(*rows, strict=True)]
-    widths[0] = max(20, widths[0] + 1)
-    lines = [first]
-    for name, *cells in rows:
-        padded = (f"{cell:>{width}}" for cell, width in zip(cells, widths[1:], strict=True))
-        lines.append(f"{name:{widths[0]}}{''.join(padded)}")
-    return "\n".join(lines)
+    width = max(20, 2 + max(map(len, ("", *names))))
+    aligned = [[f"{name:{width}}" for name in ("", *names)]]
+    for label, values in columns.items():
+        numbers = (value if isinstance(value, str) else f"{value:.6g}" for value in values)
+        cells = [label.replace("_", " "), *numbers]
+        width = max(14, 1 + max(map(len, cells)))
+        aligned.append([f"{cell:>{width}}" for cell in cells])
+    return "\n".join([first, *map("".join, zip(*aligned, strict=True))])
 
 
 def describe_status(status: int | np.ndarray | jax.Array) -> str:

@@ -8,8 +8,6 @@ from .hazard import write_years as write_years
 from .hazard_files import read_hazard
 from .inventory import Inventory
 from .inventory_assessment import assess_inventory
-from .inventory_dataset import MISSES as MISSES
-from .inventory_dataset import NOT_KNOWN as NOT_KNOWN
 from .inventory_dataset import describe_inventory as describe_inventory
 from .inventory_dataset import describe_place as describe_place
 from .inventory_dataset import describe_years as describe_years

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..block import Block, size_of
-from ..grids import describe_axis
 from ..ground_motion import MEASURES, Suite, describe_suite
-from ..host import Labelled, add_names, format_table, make_dataset
+from ..host import add_names, format_table, make_dataset
 from ..numerics import bound_probabilities
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..sensitivity import Uncertain
@@ -158,7 +157,6 @@ def fragility(
     long_name, unit, _ = MEASURES[measure]
     variables = label_variables(_VARIABLES, values, unit)
     coordinates = {
-        "sample": ("sample", np.arange(samples), describe_axis("sample")),
         "level": ("level", levels, describe_variable(long_name, unit)),
     }
     parameters = {**size_of(block, "shape"), "restitution": coefficient}
@@ -239,9 +237,6 @@ def name_thresholds(thresholds: Sequence[Threshold]) -> list[str]:
         else:
             check("thresholds", as_real("thresholds", threshold), POSITIVE)
             names.append(f"{float(threshold):g}")
-    if not names or len(set(names)) < len(names):
-        listed = ", ".join(names) or "none"
-        raise ValueError(f"thresholds must be at least one, each only once, got {listed}")
     return names
 
 
@@ -249,7 +244,7 @@ def label_variables(
     descriptions: Mapping[str, tuple[str, str, str]],
     values: Mapping[str, np.ndarray],
     measure_unit: str,
-) -> dict[str, Labelled]:
+) -> dict[str, tuple]:
     """Label values by dimensions, long name and unit; "" for none."""
     labelled = {}
     for name, array in values.items():

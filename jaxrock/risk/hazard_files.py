@@ -47,7 +47,6 @@ _EXPECTED = (
 _CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
 _FIELD = re.compile(r"(kind|investigation_time|imt)='?([^',;\"]*)")
 _PREFIX = "poe-"
-_ABOUT_SITES = ("custom site id", "lon", "lat", "depth", "vs30")
 _NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
 # Measure, statistic, unit of the levels, levels in SI, and their rates [1/yr].
 _Curve = tuple[str, str, Unit, np.ndarray, np.ndarray]
@@ -144,7 +143,13 @@ def _list_names(heads: Sequence[Head]) -> list[str]:
 
 def _has_sites(heads: Sequence[Head]) -> bool:
     """Return whether these are the heads of a table with a line for each site."""
-    return {"lon", "lat"} <= {*_list_names(heads)}
+    names = _list_names(heads)
+    return {"lon", "lat"} <= {*names} and any(map(_find_level, names))
+
+
+def _find_level(name: str) -> float | None:
+    """Find the level of which a column has the probability in the table of OpenQuake."""
+    return as_number(name.removeprefix(_PREFIX)) if name.startswith(_PREFIX) else None
 
 
 def _has_levels(heads: Sequence[Head]) -> bool:
@@ -201,7 +206,7 @@ def _read_levels(
 
 def _convert_probability(probability: np.ndarray, years: float) -> np.ndarray:
     """Convert the probability in a number of years to a rate [1/yr]."""
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         return -np.log1p(-probability) / years
 
 
@@ -215,12 +220,7 @@ def _read_site(
     """Read the curve of a site from a table of OpenQuake."""
     text = table.text
     names = _list_names(table.heads)
-    columns = [k for k, name in enumerate(names) if name not in _ABOUT_SITES]
-    levels = [as_number(names[k].removeprefix(_PREFIX)) for k in columns]
-    for k, number in zip(columns, levels, strict=True):
-        if number is None or not names[k].startswith(_PREFIX):
-            got = quote_word(names[k])
-            raise table.error(f"columns of levels were expected, {_PREFIX}0.1, got {got}")
+    levels = {k: level for k, name in enumerate(names) if (level := _find_level(name))}
     fields = dict(_FIELD.findall(text.lines[0].lower()))
     years = as_number(fields.get("investigation_time", "")) or 0.0
     stated = fields.get("imt", ""), fields.get("kind", "")
@@ -229,19 +229,15 @@ def _read_site(
             "its first line must state an investigation_time, an imt of PGA or PGV, and a kind"
             f" that is no standard deviation, got {fields}"
         )
-    if (measure or stated[0], statistic or stated[1]) != stated:
-        raise text.error(f"the first line states {' '.join(stated)}, another one is given")
-    convention = parse_unit(_CONVENTIONS[stated[0]])
-    if unit and unit[1:] != convention[1:]:
-        raise text.error(
-            f"unit is {unit.spelling!r}, but {stated[0]} is in {convention.spelling}"
-        )
+    stated_unit = parse_unit(_CONVENTIONS[stated[0]])
+    given = (measure or stated[0], statistic or stated[1], (unit or stated_unit)[1:])
+    if given != (*stated, stated_unit[1:]):
+        found = f"{' '.join(stated)} in {stated_unit.spelling}"
+        raise text.error(f"the first line states {found}, another one is given")
     row = _choose_row(table, site, [names.index("lon"), names.index("lat")])
-    values = np.array([table.require_number(row, k) for k in columns])
-    if not UNIT_INTERVAL.contains(values).all():
-        raise text.error("probabilities must be between 0 and 1", row.line)
+    values = np.array([table.require_number(row, k) for k in levels])
     rates = _convert_probability(values, years)
-    return *stated, convention, convention.factor * np.array(levels), rates
+    return *stated, stated_unit, stated_unit.factor * np.array([*levels.values()]), rates
 
 
 def _choose_row(

@@ -22,6 +22,7 @@ from ..validation import (
     as_real,
     check,
     check_kind,
+    check_shapes,
 )
 from .objects import gather_objects
 
@@ -128,11 +129,6 @@ class Inventory(Printed, eqx.Module):
             uncertain.draw(*objects)
         self.uncertain = uncertain
         self.others = tuple((name, tuple(texts)) for name, texts in (others or {}).items())
-        for name, texts in self.others:
-            if len(texts) != number:
-                raise ValueError(
-                    f"{name} must be one for each of {number} objects, got {len(texts)}"
-                )
 
     def __len__(self) -> int:
         return len(self.names)
@@ -147,6 +143,5 @@ def _spread(name: str, value: Any, number: int, domain: Domain | None = None) ->
     values = np.asarray(value, bool) if domain is None else np.asarray(as_real(name, value))
     if domain is not None:
         check(name, values, domain)
-    if values.shape not in ((), (number,)):
-        raise ValueError(f"{name} must be one, or one for each of {number} objects")
+    check_shapes(**{name: values, "names": np.zeros(number)})
     return jax.device_put(np.broadcast_to(values, (number,)))

@@ -29,12 +29,6 @@ _TARGET = Domain(
     "greater than 0 and at most 1 per year, not in years", lambda x: (x > 0) & (x <= 1), 1e-3
 )
 _OVERTURNS_FIRST = "overturns at the lowest level of the site, so that the rate may be more"
-_RESOLUTION = 0.03  # relative, of required widths
-# Widths that are examined, over the present one, and over the height. A block wider than 1.5
-# times its height would need more than 1.5 g to be lifted.
-_NARROWEST = 0.5
-_WIDEST = 2.0
-_WIDEST_OF_HEIGHT = 1.5
 
 
 def assess_inventory(
@@ -204,12 +198,13 @@ def _search_widths(
 ) -> dict[str, np.ndarray]:
     """Search the widths from which on the rate stays below the target."""
     sizes = size_of(block, "sides")
-    highest = np.maximum(_WIDEST * sizes["width"], _WIDEST_OF_HEIGHT * sizes["height"])
+    # A block wider than 1.5 times its height would need more than 1.5 g to be lifted.
+    highest = np.maximum(2 * sizes["width"], 1.5 * sizes["height"])
     required = search_value(
         (block, restitution, site, np.asarray(target)),
-        bounds=(_NARROWEST * sizes["width"], highest),
+        bounds=(0.5 * sizes["width"], highest),
         along="width",
         model=model,
-        resolution=_RESOLUTION,
+        resolution=0.03,
     )
     return {"required_width": np.asarray(required.value)}

@@ -82,20 +82,14 @@ def make_inventory_dataset(
 
 def _describe_objects(inventory: Inventory) -> dict[str, np.ndarray]:
     """Describe the objects themselves, and where they stand."""
-    sizes = size_of(inventory.block, "sides")
-    period = np.asarray(inventory.floor_period)
-    known = {
-        **{name: sizes[name] for name in ("width", "height", "inertia_ratio")},
-        "floor_damping": np.where(period > 0, inventory.floor_damping, np.nan),
-    }
-    for name in ("one_sided", "floor_period", "restitution", "restitution_assumed"):
-        known[name] = getattr(inventory, name)
+    names = ("one_sided", "floor_period", "restitution", "restitution_assumed")
+    known = size_of(inventory.block, "sides")
+    known |= {name: getattr(inventory, name) for name in names}
+    is_raised = np.asarray(inventory.floor_period) > 0
+    known["floor_damping"] = np.where(is_raised, inventory.floor_damping, np.nan)
     if inventory.others:
         known["note"] = np.array([texts for _, texts in inventory.others]).T
-    return {
-        name: np.broadcast_to(np.asarray(values), (len(inventory), *np.shape(values)[1:]))
-        for name, values in known.items()
-    }
+    return {name: np.asarray(values) for name, values in known.items()}
 
 
 def _judge_rates(answers: dict[str, np.ndarray], target: float) -> dict[str, np.ndarray]:
@@ -110,12 +104,11 @@ def _judge_rates(answers: dict[str, np.ndarray], target: float) -> dict[str, np.
     is_unknown = may_cross & (bound > np.minimum(rate, target))
     verdict = np.select([is_unknown, rate > target], [NOT_KNOWN, MISSES], MEETS)
     required = answers.get("required_width", np.full(rate.shape, None))
-    low = answers["low_restitution"]
     rate_at_low = answers["rate_at_low_restitution"]
     differs = (rate > target) != (rate_at_low > target)
     differs &= np.isfinite(rate_at_low) & ~is_unknown
     needs = [
-        _describe_need(*row) + f", unless C is {low[k]:.2f} or less" * bool(differs[k])
+        _describe_need(*row) + " (a test of its bounce could change that)" * bool(differs[k])
         for k, row in enumerate(zip(verdict, answers["width"], required, strict=True))
     ]
     return {
@@ -148,19 +141,13 @@ def describe_place(answer: "xarray.Dataset") -> str:
     return ", ".join(wall + floor)
 
 
-def tabulate_inventory(assessed: "xarray.Dataset") -> dict[str, list[Any]]:
-    """List the columns of an assessed inventory, with a column for each note."""
-    columns: dict[str, list[Any]] = {
-        "rank": assessed["rank"].values.tolist(),
-        "name": assessed.object.values.tolist(),
-    }
-    for name, variable in assessed.data_vars.items():
-        if variable.ndim == 1:
-            columns[str(name)] = variable.values.tolist()
-            continue
-        for label, values in zip(assessed.column.values, variable.values.T, strict=True):
-            columns[f"{name}: {label}"] = values.tolist()
-    return columns
+def tabulate_inventory(assessed: "xarray.Dataset") -> "xarray.Dataset":
+    """Make a dataset over the rank alone, with a variable for each column of notes."""
+    flat = assessed.swap_dims(object="rank").reset_coords("object").rename(object="name")
+    names = ["name", *(name for name in assessed.data_vars if name != "note")]
+    labels = flat.column.values if "column" in flat.dims else ()
+    notes = {f"note: {label}": flat.note.sel(column=label, drop=True) for label in labels}
+    return flat[names].assign(notes)
 
 
 def describe_inventory(assessed: "xarray.Dataset") -> str:
@@ -177,13 +164,17 @@ def describe_inventory(assessed: "xarray.Dataset") -> str:
         "for the target": assessed.need.values.tolist(),
         "stands": [describe_place(one) or "free" for one in objects],
     }
-    title = (
-        f"{int((assessed.verdict == MISSES).sum())} of {len(objects)} objects overturn more often"
-        f" than once in {write_years(1 / assessed.attrs['target'])} years, under"
-        f" {name_records(assessed)}; {assessed.attrs['hazard_curve']}"
-    )
+    years = write_years(1 / assessed.attrs["target"])
+    missing = int((assessed.verdict == MISSES).sum())
+    lines = [
+        f"{missing} of {len(objects)} objects overturn more often than once in {years} years"
+    ]
+    lines += [f"records: {name_records(assessed)}", assessed.attrs["hazard_curve"]]
+    lines += ["needs: the width at this height from which on the target is met"]
     names = assessed.object.values.tolist()
-    return "\n".join([format_table(title, names, **columns), *list_remarks(assessed)])
+    return "\n".join(
+        [format_table("\n".join(lines), names, **columns), *list_remarks(assessed)]
+    )
 
 
 def list_remarks(assessed: "xarray.Dataset") -> list[str]:
@@ -195,7 +186,7 @@ def list_remarks(assessed: "xarray.Dataset") -> list[str]:
         lines.append(
             f"nobody gave C: years with that of theory, and with a lower one: {', '.join(assumed)}"
         )
-    if any(need.endswith(NOT_KNOWN) for need in assessed.need.values):
+    if any(NOT_KNOWN in need for need in assessed.need.values):
         lines.append(f"{NOT_KNOWN}: {explain_unknown(assessed)}")
     return lines
 

@@ -102,9 +102,6 @@ def read_inventory(
     )
     damping = values["floor damping"]
     period = np.nan_to_num(values["floor period"])
-    contents.require(
-        np.isnan(damping) | (period > 0), "a floor damping goes with a floor period"
-    )
     # The shorter side of the base is the width: over the longer one it is harder to overturn.
     sizes = {
         "width": np.fmin(values["width"], depth),

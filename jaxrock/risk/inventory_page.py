@@ -31,9 +31,7 @@ if TYPE_CHECKING:
 _ROW = re.compile("<!-- a row for each object -->\n(.*?)<!-- end -->\n", re.DOTALL)
 
 
-def write_inventory_page(
-    dataset: "xarray.Dataset", pictures: Sequence[bytes], *, title: str | None = None
-) -> str:
+def write_inventory_page(dataset: "xarray.Dataset", pictures: Sequence[bytes]) -> str:
     """Write an assessed inventory as one page of HTML that needs no other file.
 
     Parameters
@@ -42,8 +40,6 @@ def write_inventory_page(
         From `jaxrock.risk.assess_inventory`.
     pictures : sequence of bytes
         PNG files, such as those of `jaxrock.plot.plot_inventory`.
-    title : str, optional
-        By default the number of objects.
 
     Returns
     -------
@@ -51,7 +47,7 @@ def write_inventory_page(
         The page: what to do first, a row for each object, then pictures and details.
     """
     texts = dataset.attrs | {
-        "title": title or f"Objects in earthquakes: {dataset.object.size}",
+        "title": f"Objects in earthquakes: {dataset.object.size}",
         "date": datetime.date.today(),
         "years": write_years(1 / dataset.attrs["target"]),
         "records": name_records(dataset),

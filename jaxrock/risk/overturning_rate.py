@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from ..block import Block
-from ..host import Printed, format_fields, format_number
+from ..host import Printed, format_fields
 from ..impact import read_restitution
 from ..overturning import Boundaries
 from ..resonance import ModelLike, Nonlinear
@@ -78,29 +78,27 @@ class OverturningRate(Printed, eqx.Module):
         if np.ndim(self.rate) or is_traced(self):
             units = dict.fromkeys(("rate", "standard_error", "not_detected"), "1/yr")
             return format_fields(self, **units, complete="")
-        written, error, bound = (
-            format_number(value, "1/yr")
-            for value in (self.rate, self.standard_error, self.not_detected)
-        )
         rate, last_rate = float(self.rate), float(self.last_rate)
-        first = f"overturns at a rate of {written}"
+        first = f"overturns at a rate of {rate:.6g} 1/yr"
         if rate < last_rate:
             years = write_years(1 / last_rate)
             first = f"overturns less often than once in {years} years, where the hazard ends"
         elif rate:
             chance = f"{-100 * math.expm1(-50 * rate):.2g} % in 50 years"
             first += f", about once in {float(f'{1 / rate:.2g}'):,.0f} years, {chance}"
-        number = f"{len(self.records) // self.directions} records"
+        both = " in both directions" * (self.directions == 2)
+        number = f"{len(self.records) // self.directions} records{both}"
         lines = [
             first,
-            f"standard error {error} from {number}{' in both directions' * (self.directions == 2)}",
-            f"with windows between levels, and shaking beyond the last, it changes by {bound} at"
-            " most (95 %)",
+            f"standard error {self.standard_error:.6g} 1/yr from {number}",
+            "with windows between levels, and shaking beyond the last, it changes by"
+            f" {self.not_detected:.6g} 1/yr at most (95 %)",
         ]
         if self.sample_rates is not None:
-            deviation = format_number(self.sample_rates.std(), "1/yr")
             samples = f"{self.sample_rates.size} samples of uncertain parameters"
-            lines.append(f"standard deviation {deviation} over {samples}")
+            lines.append(
+                f"standard deviation {self.sample_rates.std():.6g} 1/yr over {samples}"
+            )
         if not self.complete:
             overturned = [self.records[k] for k in np.flatnonzero(self.overturns_first)]
             reason = "an integration did not finish, or a boundary is not listed"

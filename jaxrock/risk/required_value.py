@@ -361,8 +361,7 @@ def _choose_first(low: float, high: float) -> np.ndarray:
     # no logarithm.
     if low == 0:
         return np.linspace(low, high, _FIRST)
-    number = max(_FIRST, math.ceil(math.log(high / low) / _SPACING) + 1)
-    return np.geomspace(low, high, number)
+    return np.geomspace(low, high, max(_FIRST, math.ceil(math.log(high / low) / _SPACING) + 1))
 
 
 def _read_scan(

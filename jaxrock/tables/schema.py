@@ -10,12 +10,12 @@ import numpy as np
 from ..validation import FINITE, Domain
 from .table import Head, Table
 from .text import TextFile, quote_word
-from .units import parse_unit
 
 _FLAGS: dict[str, bool] = dict.fromkeys(("yes", "true", "1", "x", "overturned"), True)
 _FLAGS |= dict.fromkeys(("no", "false", "0", "stood", ""), False)
 # Of each dimension that has to be stated, for messages.
-_EXAMPLES = ("m", "s", "rad", "m/s2", "m/s", "1/yr", "yr")
+_EXAMPLES = {"length": "m", "time": "s", "angle": "rad", "rate": "1/yr", "years": "yr"}
+_EXAMPLES |= {"acceleration": "m/s2", "velocity": "m/s"}
 # What cells of words must be.
 _ALLOWED = {"text": "given in each row", "flag": "yes or no"}
 
@@ -40,6 +40,16 @@ class Column(NamedTuple):
     required: bool = False
     synonyms: tuple[str, ...] = ()
 
+    def find(self, name: str, heads: Sequence[Head]) -> list[int]:
+        """Find the positions of the column, which has one name or more."""
+        names = (name, *self.synonyms)
+        return [k for k, head in enumerate(heads) if head.name.lower() in names]
+
+    def print_head(self, name: str) -> str:
+        """Print the head of the column with an example of its unit."""
+        unit = _EXAMPLES.get(self.dimension)
+        return f"{name} [{unit}]" if unit else name
+
 
 class Contents(NamedTuple):
     """What a table holds: the values of all known columns by name, and unknown columns as words.
@@ -53,13 +63,10 @@ class Contents(NamedTuple):
 
     def require(self, valid: np.ndarray, reason: str, cells: Sequence[str] = ()) -> None:
         """Raise a `ValueError` with a line for each row that is not valid, and perhaps its cell."""
-        faults = [
-            self.table.text.error(f"{reason}, got {cells[k]!r:.60}" if cells else reason, line)
-            for k, (line, _) in enumerate(self.table.rows)
-            if not valid[k]
-        ]
+        reasons = [f"{reason}, got {cell!r:.60}" for cell in cells] or [reason] * valid.size
+        faults = [(reasons[k], self.table.rows[k].line) for k in np.flatnonzero(~valid)]
         if faults:
-            raise ValueError("\n".join(map(str, faults)))
+            raise ValueError("\n".join(str(self.table.text.error(*fault)) for fault in faults))
 
 
 def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> Contents:
@@ -72,10 +79,10 @@ def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> C
         domain of a column; of a column that is there twice, that states no unit or another one.
     """
     required = {name: column for name, column in columns.items() if column.required}
-    printed = ", ".join(_print_head(*item) for item in required.items())
+    printed = ", ".join(column.print_head(name) for name, column in required.items())
     table = Table(
         TextFile(path),
-        lambda heads: all(_find_positions(heads, required).values()),
+        lambda heads: all(column.find(name, heads) for name, column in required.items()),
         f"a line with the columns {printed}",
     )
     return read_columns(table, columns)
@@ -83,67 +90,46 @@ def read_table(path: str | os.PathLike[str], columns: Mapping[str, Column]) -> C
 
 def read_columns(table: Table, columns: Mapping[str, Column]) -> Contents:
     """Read the known columns of a table; errors as in `read_table`."""
-    rows = table.rows
-    if not rows:
+    if not table.rows:
         raise table.error("at least one row was expected below the heads")
-    positions = _find_positions(table.heads, columns)
-    known = {k for found in positions.values() for k in found}
-    others = {
-        head.label: [row.cells[position] for row in rows]
-        for position, head in enumerate(table.heads)
-        if head.label and position not in known
-    }
-    contents = Contents(table, {}, others)
+    texts = np.array([row.cells for row in table.rows], dtype=object).T
+    contents = Contents(table, {}, {})
+    unknown = {k for k, head in enumerate(table.heads) if head.label}
     for name, column in columns.items():
-        if len(positions[name]) > 1:
+        head, cells = Head(name, name), [""] * len(table.rows)
+        positions = column.find(name, table.heads)
+        if len(positions) > 1:
             raise table.error(f"column {name!r} is there twice")
-        head, cells = Head(name, name), [""] * len(rows)
-        for position in positions[name]:
-            head, cells = table.heads[position], [row.cells[position] for row in rows]
-            _require_unit(table, head, name, column)
-        contents.values[name], valid = _convert_cells(table, cells, column, head)
-        valid &= np.array([cell != "" for cell in cells]) | (not column.required)
+        for position in positions:
+            head, cells = table.heads[position], texts[position].tolist()
+            unknown.discard(position)
+            expected = column.print_head(name)
+            dimension = head.unit.dimension if head.unit else ""
+            if dimension != column.dimension and (head.unit or expected != name):
+                raise table.error(f"{quote_word(head.label)} was expected as {expected!r}")
+        values = [_convert_cell(table, cell, column, head) for cell in cells]
+        pairs = zip(values, cells, strict=True)
+        valid = [v is not None and (c != "" or not column.required) for v, c in pairs]
         allowed = _ALLOWED.get(column.dimension, column.domain.allowed)
-        contents.require(valid, f"column {quote_word(head.label)} must be {allowed}", cells)
+        reason = f"column {quote_word(head.label)} must be {allowed}"
+        contents.require(np.array(valid), reason, cells)
+        contents.values[name] = np.array(values)
+    for position in sorted(unknown):
+        contents.others[table.heads[position].label] = texts[position].tolist()
     return contents
 
 
-def _convert_cells(
-    table: Table, cells: list[str], column: Column, head: Head
-) -> tuple[np.ndarray, np.ndarray]:
-    """Convert the cells of a column; return the values, and which of them are understood."""
+def _convert_cell(
+    table: Table, cell: str, column: Column, head: Head
+) -> str | bool | np.ndarray | None:
+    """Convert a cell; None if it is not understood, or out of the domain."""
     if column.dimension == "text":
-        return np.array(cells, dtype=object), np.ones(len(cells), bool)
+        return cell
     if column.dimension == "flag":
-        flags = [_FLAGS.get(cell.lower()) for cell in cells]
-        return np.array(flags, dtype=bool), np.array([flag is not None for flag in flags])
-    numbers = [table.parse_number(cell) if cell else math.nan for cell in cells]
-    is_number = np.array([number is not None for number in numbers])
-    values = (head.unit.factor if head.unit else 1.0) * np.array(numbers, dtype=float)
+        return _FLAGS.get(cell.lower())
+    number = table.parse_number(cell) if cell else math.nan
+    if number is None:
+        return None
+    value = np.asarray(number * (head.unit.factor if head.unit else 1.0))
     # Programs write NaN for what is missing.
-    return values, is_number & (column.domain.contains(values) | np.isnan(values))
-
-
-def _find_positions(
-    heads: Sequence[Head], columns: Mapping[str, Column]
-) -> dict[str, list[int]]:
-    """Find the positions of each column, which has one name or more."""
-    names = [head.name.lower() for head in heads]
-    return {
-        name: [k for k, plain in enumerate(names) if plain in (name, *column.synonyms)]
-        for name, column in columns.items()
-    }
-
-
-def _require_unit(table: Table, head: Head, name: str, column: Column) -> None:
-    """Raise a `ValueError` if a column states no unit, or one of something else."""
-    example = _print_head(name, column)
-    dimension = head.unit.dimension if head.unit else ""
-    if dimension != column.dimension and (head.unit or example != name):
-        raise table.error(f"column {quote_word(head.label)} was expected as {example!r}")
-
-
-def _print_head(name: str, column: Column) -> str:
-    """Print the head of a column with an example of its unit."""
-    unit = next((u for u in _EXAMPLES if parse_unit(u).dimension == column.dimension), "")
-    return f"{name} [{unit}]" if unit else name
+    return value if np.isnan(value) or column.domain.contains(value) else None

@@ -6,7 +6,6 @@ neither are lines that begin with #. Cells are separated by the semicolons, tabs
 line of heads. Beside semicolons and tabs, decimals may stand behind commas.
 """
 
-import contextlib
 import csv
 import math
 import re
@@ -104,22 +103,12 @@ class Table:
 
     def read_samples(self, columns: Sequence[int]) -> np.ndarray:
         """Read columns of finite numbers, in all lines to the end; of shape (columns, rows)."""
-        sign = self.separator
-        lines = [x for x in self.text.lines[self.line :] if not x.lstrip().startswith("#")]
-        while lines and not lines[-1].strip(f"{sign} "):
-            del lines[-1]
-        # `loadtxt` passes over empty lines, which samples must not have, and cells too many.
-        if {line.count(sign) for line in lines} == {len(self.heads) - 1}:
-            with contextlib.suppress(ValueError):
-                values = np.loadtxt(lines, delimiter=sign, usecols=columns, ndmin=2)
-                if len(values) == len(lines) > 1 and np.isfinite(values).all():
-                    return values.T
-        values = np.array(
-            [[self.require_number(row, k) for row in self.rows] for k in columns]
-        )
-        if not 1 < len(self.rows) == len(lines):
-            raise self.error("samples were expected in all lines below, and at least two")
-        return values
+        rows = self.rows
+        samples = [[self.require_number(row, k) for row in rows] for k in columns]
+        # A row without a sample is not left out as in other tables.
+        if not 1 < len(rows) == rows[-1].line - rows[0].line + 1:
+            raise self.error("samples were expected in all lines, and at least two")
+        return np.array(samples)
 
     def require_number(self, row: Row, column: int) -> float:
         """Convert a cell to a finite number; an error that names the column if it is none."""

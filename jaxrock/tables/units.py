@@ -68,8 +68,6 @@ def parse_unit(spelling: str) -> Unit:
     if plain in _KNOWN:
         return Unit(spelling, *_KNOWN[plain])
     plain = re.sub(r"[\^()]|\*\*", "", plain)
-    if _FACTOR.sub("", plain):
-        return Unit(spelling)
     powers: Counter[str] = Counter()
     value = 1.0
     for stroke, name, digit in _FACTOR.findall(plain):
@@ -78,5 +76,5 @@ def parse_unit(spelling: str) -> Unit:
         value *= factor**power
         powers[dimension] += power if dimension != "ratio" else 0
     product = tuple(sorted((name, power) for name, power in powers.items() if power))
-    dimension = _PRODUCTS.get(product, "")
+    dimension = "" if _FACTOR.sub("", plain) else _PRODUCTS.get(product, "")
     return Unit(spelling, dimension, value if dimension else math.nan)

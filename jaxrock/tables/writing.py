@@ -1,9 +1,9 @@
 """Tables as they are written, in one style: inputs above, heads with units, comma-separated."""
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -23,15 +23,10 @@ def write_inputs(file: TextIO, about: Mapping[str, object]) -> None:
         file.write(f"# {name}: {' '.join(words.split())}\n")
 
 
-def write_csv(
-    path: Path,
-    columns: Mapping[str, Iterable[object]],
-    about: Mapping[str, object],
-    units: Mapping[str, str] = UNITS,
-) -> None:
+def write_csv(path: Path, columns: Mapping[str, Any], about: Mapping[str, object]) -> None:
     """Write a table with a head, below the inputs that it was computed from."""
-    heads = [format_heading(name, units.get(name, "")) for name in columns]
-    rows: Iterable[Iterable[object]] = zip(*columns.values(), strict=True)
+    heads = [format_heading(name, UNITS.get(name, "")) for name in columns]
+    rows = zip(*columns.values(), strict=True)
     with open(path, "w", newline="", encoding="utf-8") as file:
         write_inputs(file, about)
         csv.writer(file, lineterminator="\n").writerows([heads, *rows])

@@ -86,7 +86,7 @@ REFUSED = [
     (f"{HEAD}\n3,1\n2,.1\n1,2\n", {}, ": rates must not rise with the level, got 1 after 0.1"),
     (f"{HEAD}\n0.1,2.345E-02\n0.2,1.345E-0", {}, ": rates must not rise"),
     (SITES, {}, ": site must be .* one of its 2 curves, .* -122.4 37.75, .* got none"),
-    (OPENQUAKE, PGV, ": the first line states pga mean, another one is given"),
+    (OPENQUAKE, PGV, ": the first line states pga mean in g, another"),
     (OPENQUAKE.replace("mean", "std"), {}, ": its first line must .* no standard deviation"),
     (OPENQUAKE.replace("PGA", "SA(0.3)"), {}, ": its first line must .* 'sa.0.3.'"),
     (HEAD + ROWS, {"unit": "knots"}, None),

