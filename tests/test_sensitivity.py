@@ -12,7 +12,7 @@ from scipy import stats
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.sensitivity.derivative_validity import find_finite_ranges
+from jaxrock.sensitivity.closed_forms import find_finite_ranges
 from jaxrock.sensitivity.moments import _estimate_moments
 
 pytestmark = pytest.mark.float64
@@ -79,7 +79,7 @@ def test_names_of_sides_where_there_are_other_widths():
     single = {"block": jr.Block(0.4, 5.0), "width": 2.0}
     found = jr.sensitivities(lambda at: at["block"].half_width, single, sides=True)
     assert found.names == ("block.width", "height", "gravity", "inertia_ratio", "width")
-    with pytest.raises(ValueError, match=r"'height', which is none of a\.half_width"):
+    with pytest.raises(ValueError, match=r"'height', which is none of a\.width"):
         jr.tornado(answer, two, {"height": (1.0, 2.0)})  # of which of the two?
 
 

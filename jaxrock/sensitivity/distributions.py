@@ -1,6 +1,5 @@
 """Distributions of uncertain parameters, and the numbers from which samples follow."""
 
-import inspect
 from collections.abc import Iterable
 from typing import Any
 
@@ -27,11 +26,7 @@ def draw_normal_numbers(dimensions: int, samples: int, seed: int) -> np.ndarray:
 
     if not dimensions:
         return np.empty((samples, 0))
-    # SciPy 1.15 renamed the argument, and will warn of the old name. An integer seed would
-    # draw other points in older versions.
-    name = "rng" if "rng" in inspect.signature(qmc.Sobol).parameters else "seed"
-    options: dict[str, Any] = {name: np.random.default_rng(seed)}
-    engine = qmc.Sobol(dimensions, scramble=True, bits=_BITS, **options)
+    engine = qmc.Sobol(dimensions, bits=_BITS, rng=np.random.default_rng(seed))
     points = engine.random_base2(samples.bit_length() - 1)
     # A point stands for its cell, and is moved to its middle: at 0 the normal number would be
     # infinite.
@@ -89,7 +84,7 @@ def map_normal_numbers(
 ) -> np.ndarray:
     """Map standard normal numbers to parameters, both of shape (samples, names)."""
     columns = [*map(compute_quantiles, names, normal.T, values, variations)]
-    return np.stack(columns, axis=1) if columns else normal
+    return np.transpose(columns).reshape(normal.shape)
 
 
 def expand_quantile(name: str, value: float, variation: float) -> tuple[float, ...]:
@@ -111,13 +106,12 @@ def expand_quantile(name: str, value: float, variation: float) -> tuple[float, .
 
 def compute_scores(
     name: str, samples: np.ndarray, value: float, variation: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compute derivatives of the log-density at samples, each of shape (samples,).
+) -> np.ndarray:
+    """Compute derivatives of the log-density at samples, shape (samples,).
 
-    The derivatives are with respect to the logarithm of the value, and to the coefficient of
-    variation. The derivative of a mean is the mean of the product of an answer and these
-    scores, however rough the answer is: only the density is differentiated (Rubinstein 1986;
-    Glynn 1990, doi:10.1145/84537.84552).
+    The derivatives are with respect to the logarithm of the value. The derivative of a mean is
+    the mean of the product of an answer and these scores, however rough the answer is: only
+    the density is differentiated (Rubinstein 1986; Glynn 1990, doi:10.1145/84537.84552).
     """
     if is_between_0_and_1(name):
         a, b = find_shape(name, value, variation)
@@ -127,13 +121,8 @@ def compute_scores(
         # The exponents are the fractions mean and 1 - mean of their sum, which is (1 - mean) /
         # (mean variation^2) - 1.
         score_sum = value * score_a + (1 - value) * score_b
-        score_mean = (a + b) * (score_a - score_b) - score_sum / (value * variation) ** 2
-        return value * score_mean, -2 * (1 - value) / (value * variation**3) * score_sum
+        return value * (a + b) * (score_a - score_b) - score_sum / value / variation**2
     if value > 0:
-        width = np.log1p(variation**2) ** 0.5
-        normal = np.log(samples / value) / width
-        width_score = (normal**2 - 1) / width
-        return normal / width, width_score * variation / (width * (1 + variation**2))
+        return np.log(samples / value) / np.log1p(variation**2)
     normal = (samples - value) / (variation * abs(value))
-    width_score = (normal**2 - 1) / variation
-    return variation * width_score - normal / variation, width_score
+    return normal**2 - 1 - normal / variation

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..host import Printed, format_fields
 from .distributions import draw_normal_numbers, expand_quantile, map_normal_numbers
-from .parameters import Answer, evaluate_answer, name_single_parameters
+from .parameters import Answer, evaluate_answer, name_parameters
 from .uncertain import ARGUMENT, Uncertain, list_single_coefficients
 
 # Largest errors of mean and standard deviation, over the standard deviation, of an estimate
@@ -92,20 +92,20 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     """
     variations = list_single_coefficients(uncertain)
     names = uncertain.names
-    parameters = name_single_parameters(answer, at, names, ARGUMENT)
+    parameters = name_parameters(at, names, ARGUMENT)
     values = parameters.get_values(names)
     normal = draw_normal_numbers(len(names), uncertain.samples, uncertain.seed)
-    points = map_normal_numbers(names, uncertain.correlate(normal), values, variations)
+    factor = uncertain.factor
+    points = map_normal_numbers(names, normal @ factor.T, values, variations)
     (answers,) = evaluate_answer(answer, parameters, names, points)
     # The chain rule turns derivatives with respect to parameters into derivatives with respect
     # to normal numbers, first correlated and then independent.
     expansion = [*map(expand_quantile, names, values, variations)]
     middle, first, second = np.reshape(expansion, (-1, 3)).T
     value, gradient, hessian = evaluate_answer(answer, parameters, names, middle, 2)
-    factor = uncertain.correlate(np.eye(len(names))).T
     hessian = first[:, None] * hessian * first + np.diag(gradient * second)
+    shown = () if uncertain.correlations else names
     series = (value, factor.T @ (gradient * first), factor.T @ hessian @ factor)
-    shown = () if uncertain.correlated_pairs else names
     return _estimate_moments(shown, series, normal, answers)
 
 
@@ -154,11 +154,7 @@ def _estimate_errors(
     added = (2 * (quadratic - mean) + remainder) * remainder - remainder.mean() ** 2
     corrected = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
     mean_error = float(abs(remainder.mean()) + noise * remainder.std())
-    deviation_error = abs(corrected - deviation)
-    deviation_error += float(noise * added.std() / (corrected + deviation or 1.0))
-    if deviation > 0:
-        return mean_error / deviation, deviation_error / deviation
-    # Nothing is uncertain: only rounding is allowed, 64 units.
-    rounding = 64 * float(np.finfo(remainder.dtype).eps) * abs(mean)
-    error = 0.0 if max(mean_error, deviation_error) <= rounding else np.inf
-    return error, error
+    # Where nothing is uncertain, the errors are absolute.
+    scale = corrected + deviation or 1.0
+    deviation_error = abs(corrected - deviation) + float(noise * added.std() / scale)
+    return mean_error / (deviation or 1.0), deviation_error / (deviation or 1.0)

@@ -12,16 +12,8 @@ import numpy as np
 from jax.tree_util import keystr
 from jaxtyping import Array, PyTree
 
-from ..block import (
-    SHAPE,
-    SIZE_NAMES,
-    SIZES_IN_WORDS,
-    Block,
-    SizeDescription,
-    block_of,
-    size_of,
-)
-from ..validation import AnyArray, Number, as_real, check_concrete, check_kind
+from ..block import SIZE_NAMES, SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
+from ..validation import AnyArray, Number, check_concrete
 
 Answer = Callable[..., Number]  # a function of a pytree of numbers
 
@@ -54,7 +46,12 @@ class Parameters(eqx.Module):
         )
 
     def get_values(self, names: Iterable[str]) -> np.ndarray:
-        """Return the values of some parameters, shape (names,)."""
+        """Return the values of some parameters, shape (names,); `ValueError` if one is an array."""
+        arrays = [
+            pair[0] for pair in zip(self.names, self.values, strict=True) if pair[1].ndim
+        ]
+        if arrays:
+            raise ValueError(f"{' and '.join(arrays)} must be single numbers, got arrays")
         return np.array([self.values[self.names.index(name)] for name in names], float)
 
 
@@ -78,21 +75,17 @@ def name_parameters(
     ValueError
         If a name is unknown, or sizes belong to several descriptions.
     """
-    check_concrete(at, "the parameters are plain numbers")
+    check_concrete(at, "jax.value_and_grad works under jit")
     at = jax.tree.map(lambda leaf: np.asarray(leaf, float), at)
-    plain = _name_leaves(_describe_blocks(at, "shape"))
     if names is not None:
-        paths = [name.rpartition(".") for name in names]
-        # A number of the pytree itself may be called width, too.
-        sizes = [path[2] for path in paths if "".join(path) not in plain or path[2] in SHAPE]
-        by = choose_description(sizes, argument)
+        by = _choose_description(names, argument)
     described = _describe_blocks(at, by)
     known = _name_leaves(described)
     values, form = jax.tree.flatten(described)
     for name in names or ():
         if name not in known:
             sizes = [size for pair in SIZE_NAMES.values() for size in pair]
-            refuse_name(name, (*plain, *sizes), argument)
+            refuse_name(name, (*known, *sizes), argument)
     return Parameters(known, values, jax.tree.structure(at), form)
 
 
@@ -127,7 +120,7 @@ def refuse_name(name: object, allowed: Iterable[str], argument: str) -> NoReturn
     raise ValueError(f"{argument} has {name!r}, which is none of {', '.join(allowed)}{hint}")
 
 
-def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
+def _choose_description(names: Iterable[str], argument: str) -> SizeDescription:
     """Choose the description of a block that the names belong to, its shape if none does.
 
     Raises
@@ -135,29 +128,15 @@ def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
     ValueError
         If the names belong to several descriptions.
     """
-    names = list(names)
+    sizes = [name.rpartition(".")[2] for name in names]
     named: dict[SizeDescription, str]
-    named = {by: name for by, sizes in SIZE_NAMES.items() for name in names if name in sizes}
+    named = {by: name for by, pair in SIZE_NAMES.items() for name in sizes if name in pair}
     if len(named) > 1:
-        pairs = ", or ".join(" and ".join(sizes) for sizes in SIZE_NAMES.values())
+        pairs = ", or ".join(" and ".join(pair) for pair in SIZE_NAMES.values())
         raise ValueError(
             f"{argument} must describe the size by {pairs}, got {' and '.join(named.values())}"
         )
-    return next(iter(named)) if named else "shape"
-
-
-def name_single_parameters(
-    answer: Answer, at: PyTree, names: Iterable[str] | None, argument: str, **by: Any
-) -> Parameters:
-    """Name the parameters of an answer, all of which are single numbers."""
-    check_kind("answer", answer, Callable)
-    check_concrete(at, "jax.value_and_grad works under jit")
-    for path, leaf in jax.tree.leaves_with_path(at):
-        if jnp.ndim(as_real(keystr(path, simple=True, separator="."), leaf)):
-            raise ValueError(
-                f"at must consist of single numbers, got an array in {keystr(path)}"
-            )
-    return name_parameters(at, names, argument, **by)
+    return next(iter(named), "shape")
 
 
 def evaluate_answer(
@@ -214,5 +193,4 @@ def _evaluate(
 
 def describe_parameter(name: str) -> str:
     """Write a parameter in words, a size with the size that stays fixed."""
-    phrases = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
-    return phrases.get(name, name.replace("_", " "))
+    return SIZES_IN_WORDS.get(name, name.replace("_", " "))
