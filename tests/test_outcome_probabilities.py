@@ -98,10 +98,10 @@ def test_sobol_indices_with_records():
     found = compute_sobol_indices(answer(first), answer(second), np.stack(mixed))
     # E (1 + r)^2 = 5/3, the mean slope is 1; 9 var(r) = 6.
     whole = 5 / 3 + 1 + 1 + 6
-    np.testing.assert_allclose(found.first[0], np.array([1, 1, 6]) / whole, atol=0.015)
+    np.testing.assert_allclose(found["first"][0], np.array([1, 1, 6]) / whole, atol=0.015)
     total = np.array([5 / 3 + 1, 1 + 1, 6 + 2 / 3]) / whole
-    np.testing.assert_allclose(found.total[0], total, atol=0.015)
-    assert np.isnan(found.first[1]).all()
+    np.testing.assert_allclose(found["total"][0], total, atol=0.015)
+    assert np.isnan(found["first"][1]).all()
 
 
 # Answers at samples (2, n) under records, as a block gives them: it rarely overturns, or often,
@@ -120,15 +120,17 @@ ANSWERS = {
 def test_errors_of_sobol_indices_are_those_of_repetitions(name):
     """With independent samples: those of Sobol points have errors that are mostly smaller."""
     rng = np.random.default_rng(0)
-    indices = []
+    indices, errors = [], []
     for _ in range(800):
         first, second = rng.standard_normal((2, 2, 512))
         mixed = [np.stack([second[0], first[1]]), np.stack([first[0], second[1]])]
         parts = [np.asarray(ANSWERS[name](x), float)[None] for x in (first, second, *mixed)]
         found = compute_sobol_indices(parts[0], parts[1], np.stack(parts[2:]))
-        indices.append([index[0] for index in found])
-    first, first_error, total, total_error = np.swapaxes(indices, 0, 1)
-    for index, error in ((first, first_error), (total, total_error)):
+        indices.append([found[name][0] for name in ("first", "total")])
+        errors.append([found[f"{name}_error"][0] for name in ("first", "total")])
+    for index, error in zip(
+        np.swapaxes(indices, 0, 1), np.swapaxes(errors, 0, 1), strict=True
+    ):
         stated = np.sqrt(np.mean(error**2, axis=0))
         np.testing.assert_allclose(stated / index.std(axis=0), 1, atol=0.13)
 
@@ -167,12 +169,12 @@ def test_probabilities_in_a_chaotic_window_against_direct_sampling():
     # The slope to a median, from the same random numbers around another one.
     step = 0.01
     down, up = (sample_directly(0.2 * np.exp(s), count)[1][2].mean() for s in (-step, step))
-    k = found.names.index("width")
+    k = found.sources.index("width")
     noise = found.by_median_error[3, k] + np.sqrt(0.25 / count) / step
     assert abs(found.by_median[3, k] - (up - down) / (2 * step)) < 4 * noise
     # The first-order index, as the variance of means in bins of equal probability.
     whole = direct[2] * (1 - direct[2])
-    for k, name in enumerate(found.names):
+    for k, name in enumerate(found.sources):
         bins = np.array_split(outcomes[2][np.argsort(values[name])], 20)
         first = (np.var([each.mean() for each in bins]) - 19 / count * whole) / whole
         assert abs(found.first[3, k] - first) < 4 * found.first_error[3, k] + 1 / count**0.5

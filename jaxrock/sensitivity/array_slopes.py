@@ -10,8 +10,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, PyTree
 
-from ..validation import check_kind
-
 _CHUNK = 2**14  # number of points; their intermediate results fit into a cache
 
 
@@ -44,11 +42,6 @@ def value_and_slopes(
         the argument is broadcast. They are NaN where the value is NaN, as beyond the
         overturning threshold.
 
-    Raises
-    ------
-    ValueError
-        If `argnums` is an empty sequence.
-
     Examples
     --------
     >>> import jax.numpy as jnp
@@ -59,10 +52,7 @@ def value_and_slopes(
     >>> print(f"{value[1]:.3f}, {slope.restitution[1]:.2f} and {of_width:.2f}")
     0.233, 1.79 and -0.67
     """
-    check_kind("function", function, Callable)
     argnums = argnums if isinstance(argnums, int) else tuple(argnums)
-    if argnums == ():
-        raise ValueError("argnums must not be empty, got ()")
 
     @functools.wraps(function)
     def differentiate(*arguments: PyTree, **named: object) -> tuple[Array, PyTree]:

@@ -9,13 +9,7 @@ import numpy as np
 from ..host import Printed, format_table
 from ..tables import UNITS
 from .distributions import is_between_0_and_1
-from .parameters import (
-    Answer,
-    Parameters,
-    describe_parameter,
-    evaluate_answer,
-    name_parameters,
-)
+from .parameters import Answer, Parameters, describe_parameter, evaluate, name_parameters
 
 # Units of rounding, of each parameter and of the derivative. In comparisons with mpmath, 2 and
 # 6 bound the errors of all answers of a scene up to 1e-14 of the overturning threshold; 2 and
@@ -131,7 +125,7 @@ def sensitivities(answer: Answer, at: Any, *, sides: bool = False) -> Sensitivit
     0.8412
     """
     parameters = name_parameters(at, None, "at", "sides" if sides else "shape")
-    return differentiate_at(answer, parameters, parameters.get_values(parameters.names))
+    return differentiate_at(answer, parameters, parameters.get_values(parameters.values))
 
 
 def format_ranges(below: np.ndarray, above: np.ndarray) -> list[str]:
@@ -143,8 +137,8 @@ def differentiate_at(
     answer: Answer, parameters: Parameters, point: np.ndarray
 ) -> Sensitivities:
     """Differentiate an answer at many points, all parameters of which stand in the last axis."""
-    names = parameters.names
-    value, gradient, hessian = evaluate_answer(answer, parameters, names, point, 2)
+    names = tuple(parameters.values)
+    value, gradient, hessian = evaluate(answer, parameters, names, point, 2)
     # Automatic derivatives are 0 where there is no answer, as if nothing had influence.
     unknown = ~np.isfinite(value)[..., None]
     gradient = np.where(unknown, np.nan, gradient)
@@ -162,7 +156,7 @@ def differentiate_at(
     units = _UNITS_OF_PARAMETER * changes + _UNITS_OF_DERIVATIVE * np.abs(gradient)
     error = np.finfo(gradient.dtype).eps * units
     ranges = find_finite_ranges(
-        lambda trials: evaluate_answer(answer, parameters, names, trials)[0], point
+        lambda trials: evaluate(answer, parameters, names, trials)[0], point
     )
     return Sensitivities(names, point, value[()], gradient, hessian, error, *ranges)
 

@@ -16,7 +16,6 @@ from ..driven import (
     BatchArguments,
     EstimatedResponse,
     SimulatedAnswer,
-    check_batch,
     differentiate_within,
     find_slope_scale,
     simulate_batch,
@@ -24,7 +23,7 @@ from ..driven import (
 from ..ground_motion import Motion, Record, Suite
 from ..host import Printed, format_number
 from ..resonance import ModelLike, Nonlinear, RockingModel, Scene, as_model
-from ..validation import POSITIVE, Number, Reals, as_name, as_real, check, check_concrete
+from ..validation import POSITIVE, Number, Reals, as_name, as_real, check
 from .closed_forms import differentiate_at
 from .driven_scenes import gather_scene, make_batch
 from .parameters import Parameters, name_parameters
@@ -236,20 +235,27 @@ def derivatives_within(
         scene = Scene(blocks, restitution, cast("Number", motion))
         return _differentiate_closed_form(of, scene, tolerance, by, model)
     motion = cast("Motion | Suite", motion)
-    restitution, duration = check_batch(blocks, restitution, motion, duration)
     as_name("of", of, _CODES)
-    scene = gather_scene(blocks, restitution, motion)
-    check_concrete((scene, motion, duration), "errors follow from the answers")
+    scene, duration = gather_scene(blocks, restitution, motion, duration)
     names = (*_BY, "factor") if by is None else tuple(by)
     parameters = name_parameters(scene, names, "by")
     batch = make_batch(parameters.build({}), motion, duration)
     batch = replace(batch, answer=np.asarray(_CODES[of], batch.dtype))
-    values = [parameters.values[parameters.names.index(name)] for name in names]
-    at = np.stack([np.broadcast_to(value, batch.shape) for value in values], -1)
+    at = np.stack(
+        [np.broadcast_to(parameters.values[name], batch.shape) for name in names], -1
+    )
     # Records of many lengths share one program.
     traced = motion.bucketed() if isinstance(motion, Record) else motion
-    directions = _find_directions(parameters, names, values, traced, duration)
-    moved = replace(batch, directions=_drop_zeros(directions, batch.dtype))
+    directions = _find_directions(parameters, names, traced, duration)
+    # What moves with no parameter becomes None: of that nothing has to be computed.
+    moves = jax.tree.map(lambda *leaves: any(map(np.any, leaves)), *directions)
+    directions = tuple(
+        jax.tree.map(
+            lambda move, leaf: np.asarray(leaf, batch.dtype) if move else None, moves, part
+        )
+        for part in directions
+    )
+    moved = replace(batch, directions=directions)
     equation = as_model(Nonlinear() if model is None else model)
     response, answer, slopes, error = differentiate_within(moved, tolerance, equation, at)
     derivative = np.where(np.isnan(answer.value)[..., None], np.nan, slopes.value)
@@ -270,7 +276,7 @@ def _differentiate_closed_form(
     """Differentiate a function of scenes, all of whose numbers may be arrays."""
     names = (*_BY, "intensity") if by is None else by
     parameters = name_parameters(scene, names, "by")
-    at = np.stack(np.broadcast_arrays(*parameters.values), -1)
+    at = np.stack(np.broadcast_arrays(*parameters.values.values()), -1)
     answer = eqx.Partial(function, **({} if model is None else {"model": model}))
     found = differentiate_at(answer, parameters, at)
     limits = found.below, found.above
@@ -278,7 +284,7 @@ def _differentiate_closed_form(
         np.where(np.isinf(limit) | (limit == 0), _EXAMINED, _OVERTURNS) for limit in limits
     ]
     columns = at, found.gradient, found.error, *limits, *reasons
-    numbered = {parameters.names.index(name): name for name in names}
+    numbered = {[*parameters.values].index(name): name for name in names}
     of = getattr(function, "__name__", "answer")
     return _make_derivatives(of, numbered, tolerance, None, found.value, columns)
 
@@ -311,32 +317,21 @@ def _make_derivatives(
 def _find_directions(
     parameters: Parameters,
     names: tuple[str, ...],
-    values: Sequence[Any],
     motion: Motion | Suite,
     duration: Number | None,
 ) -> list[BatchArguments]:
     """Find how the numbers of a batch move with each parameter."""
+    values = [jnp.asarray(parameters.values[name]) for name in names]
 
     def list_arguments(values: Sequence[Reals]) -> BatchArguments:
         scene = parameters.build(dict(zip(names, values, strict=True)))
         return make_batch(scene, motion, duration).arguments
 
-    def move_one(k: int) -> BatchArguments:
-        along = [jnp.full_like(value, float(j == k)) for j, value in enumerate(values)]
-        return jax.jvp(list_arguments, (list(values),), (along,))[1]
+    def move_along(row: np.ndarray) -> BatchArguments:
+        unit = [jnp.full_like(x, component) for x, component in zip(values, row, strict=True)]
+        return jax.jvp(list_arguments, (values,), (unit,))[1]
 
-    return [move_one(k) for k in range(len(names))]
-
-
-def _drop_zeros(
-    directions: Sequence[BatchArguments], dtype: np.dtype
-) -> tuple[BatchArguments, ...]:
-    """Replace by None what moves with no parameter: of that nothing has to be computed."""
-    moves = jax.tree.map(lambda *leaves: any(np.any(leaf) for leaf in leaves), *directions)
-    return tuple(
-        jax.tree.map(lambda move, leaf: np.asarray(leaf, dtype) if move else None, moves, part)
-        for part in directions
-    )
+    return [*map(move_along, np.eye(len(names)))]
 
 
 class _Scenes(NamedTuple):
@@ -405,8 +400,8 @@ class _Scenes(NamedTuple):
         def take(leaf: Any) -> np.ndarray:
             return np.broadcast_to(leaf, self.batch.shape).flat[block]
 
-        numbers = dict(zip(self.parameters.names, self.parameters.values, strict=True))
-        numbers = jax.tree.map(take, numbers) | dict(zip(self.names, values.T, strict=True))
+        numbers = {name: take(value) for name, value in self.parameters.values.items()}
+        numbers |= dict(zip(self.names, values.T, strict=True))
         part = self.batch.select(block)
         is_sampled = isinstance(self.motion, Record | Suite)
         motion = part.ground if is_sampled else jax.tree.map(take, self.motion)

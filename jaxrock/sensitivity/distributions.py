@@ -42,20 +42,17 @@ def find_shape(name: str, mean: Number, variation: Number) -> tuple[Any, Any]:
         If the mean is not between 0 and 1, or the coefficient is so large that the density has
         two peaks, at 0 and at 1.
     """
-    mean = np.asarray(mean)
-    invalid = mean[(mean <= 0) | (mean >= 1)]
-    if invalid.size:
-        raise ValueError(
-            f"{name} must be greater than 0 and less than 1 to be uncertain, got {invalid[0]:g}"
-        )
-    total = (1 - mean) / (mean * np.square(variation)) - 1
+    mean, variation = np.broadcast_arrays(mean, variation)
+    with np.errstate(divide="ignore"):
+        total = (1 - mean) / (mean * np.square(variation)) - 1
     first = mean * total
     second = (1 - mean) * total
-    invalid = np.broadcast_to(variation, mean.shape)[(first < 1) & (second < 1)]
-    if invalid.size:
+    invalid = (mean <= 0) | (mean >= 1) | ((first < 1) & (second < 1))
+    if invalid.any():
         raise ValueError(
-            f"coefficient of variation of {name} must not be as large as {invalid[0]:g}, with which"
-            " the density would have two peaks, at 0 and at 1"
+            f"coefficient of variation of {name} must not be {variation[invalid][0]:g} at a mean of"
+            f" {mean[invalid][0]:g}: the mean must be between 0 and 1, and the density must not"
+            " have two peaks"
         )
     return first, second
 

@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 
 from ..block import Block
-from ..driven import Batch, BatchResponse, follow_batch, require_complete
+from ..driven import Batch, BatchResponse, check_batch, follow_batch, require_complete
 from ..ground_motion import Harmonic, Motion, Pulse, Suite
 from ..resonance import RockingModel
 from ..validation import Number, choose_namespace
@@ -16,10 +16,16 @@ from ..validation import Number, choose_namespace
 BEYOND = 10.0
 
 
-def gather_scene(block: Block, restitution: Number, motion: Motion | Suite) -> dict[str, Any]:
-    """Gather what may vary; a factor on any motion is among it, besides its own numbers."""
+def gather_scene(
+    block: Block, restitution: Number, motion: Motion | Suite, duration: Number | None = None
+) -> tuple[dict[str, Any], Number | None]:
+    """Gather what may vary, and the duration; a `ValueError` if an argument is not allowed.
+
+    A factor on any motion is among it, besides its own numbers.
+    """
+    restitution, duration = check_batch(block, restitution, motion, duration)
     numbers = {name: getattr(motion, name) for name in _name_fields(motion)}
-    return numbers | {"block": block, "restitution": restitution, "factor": 1.0}
+    return numbers | {"block": block, "restitution": restitution, "factor": 1.0}, duration
 
 
 def make_batch(

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..block import Block
-from ..driven import check_batch
 from ..ground_motion import Motion, Suite, average_directions
 from ..host import Shown, count_work, format_table
 from ..resonance import ModelLike, Nonlinear, RockingModel, as_model
@@ -38,10 +37,6 @@ class OutcomeProbabilities(Shown):
         Fraction of all samples, and its 95 % interval.
     by_record : ndarray, shape (records, outcomes)
         Probabilities under each record; one row for a single motion.
-    names : tuple of str
-        The uncertain parameters.
-    median, coefficient_of_variation : ndarray, shape (parameters,)
-        Their medians and coefficients of variation.
     answers : tuple of str
         Answers of which there are indices: ``"peak"`` and the outcomes.
     sources : tuple of str
@@ -65,9 +60,6 @@ class OutcomeProbabilities(Shown):
     low: np.ndarray
     high: np.ndarray
     by_record: np.ndarray
-    names: tuple[str, ...]
-    median: np.ndarray
-    coefficient_of_variation: np.ndarray
     answers: tuple[str, ...]
     sources: tuple[str, ...]
     first: np.ndarray
@@ -121,7 +113,7 @@ class OutcomeProbabilities(Shown):
             if np.isfinite(self.first[k]).all():
                 pairs = [(getattr(self, n)[k], getattr(self, f"{n}_error")[k]) for n in _KINDS]
                 texts = [map("{:.3f} +- {:.3f}".format, *pair) for pair in pairs]
-                columns = dict(zip(_KINDS, texts, strict=True))
+                columns = dict(zip(("first_order", *_KINDS[1:]), texts, strict=True))
                 lines += ["", format_table(answer, names, **columns)]
         return "\n".join(lines)
 
@@ -201,8 +193,8 @@ def outcome_probabilities(
             f" {len(names)} and {len(uncertain.correlations)} of them: Sobol indices are those"
             " of independent parameters"
         )
-    restitution, _ = check_batch(block, restitution, motion, None)
-    parameters = name_parameters(gather_scene(block, restitution, motion), names, ARGUMENT)
+    scene, _ = gather_scene(block, restitution, motion)
+    parameters = name_parameters(scene, names, ARGUMENT)
     values = parameters.get_values(names)
     samples = uncertain.samples
     normal = _draw_mixed_samples(len(names), samples, uncertain.seed)
@@ -222,7 +214,7 @@ def outcome_probabilities(
     happens = outcomes.sum(axis=(1, 2))
     clear = np.minimum(happens, outcomes[0].size - happens) >= _FEWEST
     blank = np.where([True, *clear], 1.0, np.nan)[:, None]
-    indices = compute_sobol_indices(answers[0], answers[1], answers[2:])
+    statistics = compute_sobol_indices(answers[0], answers[1], answers[2:])
     # Both directions of a record count as one record, by their mean.
     directions = motion.directions if isinstance(motion, Suite) else 1
     recordings = [np.asarray(average_directions(part, directions)) for part in answers[0]]
@@ -233,7 +225,6 @@ def outcome_probabilities(
     by_record = outcomes.mean(axis=2).T
     intervals = [compute_interval(part.mean(axis=1), samples) for part in recordings[1:]]
     low, high = np.transpose(intervals)
-    statistics = indices._asdict()
     statistics["by_median"], statistics["by_median_error"] = np.stack(slopes, 1)
     labels = ("rocks", f"exceeds {float(ratio):g}", "overturns")
     return OutcomeProbabilities(
@@ -242,9 +233,6 @@ def outcome_probabilities(
         low=low,
         high=high,
         by_record=by_record,
-        names=names,
-        median=values,
-        coefficient_of_variation=variations,
         answers=("peak", *labels),
         sources=(*names, "record") if len(motions) > 1 else names,
         inputs=inputs,

@@ -1,21 +1,10 @@
 """Statistics of outcomes: intervals, Sobol indices, derivatives by score functions."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 # Number of draws of random weights: the interval is accurate to a hundredth of its width.
 _DRAWS = 2**13
 _TAIL = 0.025  # probability beyond either end of an interval
-
-
-class SobolIndices(NamedTuple):
-    """Sobol indices with standard errors; each of shape (answers, parameters)."""
-
-    first: np.ndarray
-    first_error: np.ndarray
-    total: np.ndarray
-    total_error: np.ndarray
 
 
 def compute_interval(probabilities: np.ndarray, samples: int) -> tuple[float, float]:
@@ -47,7 +36,7 @@ def compute_interval(probabilities: np.ndarray, samples: int) -> tuple[float, fl
 
 def compute_sobol_indices(
     first: np.ndarray, second: np.ndarray, mixed: np.ndarray
-) -> SobolIndices:
+) -> dict[str, np.ndarray]:
     """Compute first-order and total Sobol indices of answers under records.
 
     Parameters
@@ -59,7 +48,8 @@ def compute_sobol_indices(
 
     Returns
     -------
-    SobolIndices
+    dict of ndarray, shape (answers, parameters)
+        ``first`` and ``total``, and their standard errors ``first_error`` and ``total_error``.
         Of all parameters, and with several records of the record as the last one, which may be
         each of them with equal probability. NaN for an answer that does not vary.
     """
@@ -86,12 +76,12 @@ def compute_sobol_indices(
         # The rest of the variance belongs to the mean over the records.
         together.append(whole - 0.5 * (centred[:, :, 0] ** 2).sum(axis=0))
     with np.errstate(invalid="ignore"):  # an answer that does not vary
-        return SobolIndices(*_estimate(alone, whole), *_estimate(together, whole))
+        return _estimate("first", alone, whole) | _estimate("total", together, whole)
 
 
 def _estimate(
-    contributions: list[np.ndarray], whole: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+    name: str, contributions: list[np.ndarray], whole: np.ndarray
+) -> dict[str, np.ndarray]:
     """Estimate indices, the means of `contributions` over the mean of `whole`, and their errors.
 
     The errors follow from the delta method: where few samples decide the variance, as when a
@@ -101,7 +91,8 @@ def _estimate(
     variance = whole.mean(axis=-1)[:, None]
     indices = stacked.mean(axis=-1) / variance
     residuals = stacked - indices[..., None] * whole[:, None]
-    return indices, residuals.std(axis=-1) / whole.shape[-1] ** 0.5 / variance
+    errors = residuals.std(axis=-1) / whole.shape[-1] ** 0.5 / variance
+    return {name: indices, f"{name}_error": errors}
 
 
 def _add_mean(values: np.ndarray) -> np.ndarray:

@@ -7,14 +7,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..block import Block
-from ..driven import check_batch
 from ..ground_motion import Motion
 from ..host import Shown, format_table
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, as_name, as_real, describe
-from .closed_forms import find_finite_ranges, format_ranges
+from .closed_forms import format_ranges
 from .driven_scenes import gather_scene, simulate_scenes
-from .parameters import Answer, describe_parameter, evaluate_answer, name_parameters
+from .parameters import Answer, describe_parameter, evaluate, name_parameters
 
 Ranges = Mapping[str, tuple[float, float]]
 
@@ -29,8 +28,6 @@ class TornadoBars(Shown):
         The parameter with the widest bar first.
     low, high, at_low, at_high : ndarray, shape (parameters,)
         The ranges, and the answer at their ends, the other parameters unchanged.
-    below, above : ndarray, shape (parameters,)
-        From where to where the answer goes on, as in `Sensitivities`; NaN where not known.
     value : float
         The answer with all parameters unchanged. NaN stands for a block that overturns.
     """
@@ -40,8 +37,6 @@ class TornadoBars(Shown):
     high: np.ndarray
     at_low: np.ndarray
     at_high: np.ndarray
-    below: np.ndarray
-    above: np.ndarray
     value: float
 
     picture: ClassVar[str] = "plot_tornado"
@@ -65,14 +60,14 @@ class TornadoBars(Shown):
         return {"quantity": list(names), **listed}
 
     def __str__(self) -> str:
-        columns: dict[str, Any] = {"range": format_ranges(self.low, self.high)}
-        columns |= {"at_low": self.at_low, "at_high": self.at_high}
-        if not np.isnan(self.above).all():
-            columns["holds_for"] = format_ranges(self.below, self.above)
+        columns = {"at_low": self.at_low, "at_high": self.at_high}
+        ranges = format_ranges(self.low, self.high)
         head = f"{self.value:.6g}"
         if not np.isfinite(self.value):
             head = "has no value: the block overturns with all parameters unchanged"
-        text = format_table(head, [*map(describe_parameter, self.names)], **columns)
+        text = format_table(
+            head, [*map(describe_parameter, self.names)], range=ranges, **columns
+        )
         # Answers of this package are NaN where a block overturns.
         return text.replace("           nan", "     overturns")
 
@@ -94,8 +89,7 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     Raises
     ------
     ValueError
-        If a name is not one of `at`, a block is described both by sides and by half-width or
-        slenderness, or a range does not hold the value of its parameter.
+        If a name is not one of `at`, or a range does not hold the value of its parameter.
 
     Examples
     --------
@@ -104,18 +98,15 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     >>> ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.8)}
     >>> print(jr.tornado(jr.rotation_ratio, wall, ranges))
     0.123215
-                                 range        at low       at high     holds for
-    restitution             0.6 to 0.8     0.0673033      0.307402   0 to 0.8557
-    slenderness                 4 to 6     0.0954255       0.15161    0 to 20.97
+                                 range        at low       at high
+    restitution             0.6 to 0.8     0.0673033      0.307402
+    slenderness                 4 to 6     0.0954255       0.15161
     """
     parameters = name_parameters(at, ranges, "ranges")
 
-    def evaluate(points: np.ndarray) -> np.ndarray:
-        return evaluate_answer(answer, parameters, tuple(ranges), points)[0]
-
-    point = parameters.get_values(ranges)
-    values = evaluate(_list_ends(point, ranges))
-    return _arrange_bars(values, ranges, find_finite_ranges(evaluate, point))
+    points = _list_ends(parameters.get_values(ranges), ranges)
+    (values,) = evaluate(answer, parameters, tuple(ranges), points)
+    return _arrange_bars(values, ranges)
 
 
 def driven_tornado(
@@ -166,8 +157,8 @@ def driven_tornado(
     restitution             0.8 to 0.9      0.123243      0.142628
     """
     as_name("answer", answer, ("rotation_ratio", "peak_rotation", "margin"))
-    restitution, _ = check_batch(block, restitution, motion, None)
-    parameters = name_parameters(gather_scene(block, restitution, motion), ranges, "ranges")
+    scene, _ = gather_scene(block, restitution, motion)
+    parameters = name_parameters(scene, ranges, "ranges")
     points = _list_ends(parameters.get_values(ranges), ranges)
     scenes = parameters.build(dict(zip(ranges, points.T, strict=True)))
     response = simulate_scenes(scenes, motion, as_model(model))
@@ -175,7 +166,9 @@ def driven_tornado(
     values = np.where(response.overturned, np.nan, response.peak_rotation)
     if answer == "rotation_ratio":
         values = values / np.asarray(scenes["block"].critical_angle)
-    return _arrange_bars(response.margin if answer == "margin" else values, ranges)
+    elif answer == "margin":
+        values = np.asarray(response.margin)
+    return _arrange_bars(values, ranges)
 
 
 def _list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
@@ -184,11 +177,8 @@ def _list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     Raises
     ------
     ValueError
-        If there is no range, or a range is not a low and a high value around the value of the
-        point.
+        If a range is not a low and a high value around the value of the point.
     """
-    if not ranges:
-        raise ValueError("ranges must not be empty: they name the parameters to vary")
     # All points are one batch for one program.
     points = np.tile(point, (1 + 2 * len(ranges), 1))
     for k, (name, limits) in enumerate(ranges.items()):
@@ -205,11 +195,8 @@ def _list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     return points
 
 
-def _arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> TornadoBars:
-    """Arrange answers at the points of `_list_ends` as bars, the widest first.
-
-    `limits` are the limits of finite answers along each parameter.
-    """
+def _arrange_bars(values: np.ndarray, ranges: Ranges) -> TornadoBars:
+    """Arrange answers at the points of `_list_ends` as bars, the widest first."""
     bounds = np.asarray(list(ranges.values()), float)
     answers = values[1:].reshape(-1, 2)
     # An end at which the block overturns has no answer: such a bar is the widest of all.
@@ -217,5 +204,5 @@ def _arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> T
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
-    columns = np.vstack([bounds.T, answers.T, np.broadcast_to(limits, (2, width.size))])
+    columns = np.vstack([bounds.T, answers.T])
     return TornadoBars(names, *columns[:, order], value=float(values[0]))

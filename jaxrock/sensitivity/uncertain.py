@@ -1,6 +1,5 @@
 """Uncertain parameters of blocks and their impacts, and samples of them."""
 
-import itertools
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -10,18 +9,9 @@ import numpy as np
 from ..block import Block
 from ..host import Printed, format_number
 from ..impact import read_restitution
-from ..validation import (
-    NON_NEGATIVE,
-    Domain,
-    Number,
-    Numbers,
-    as_real,
-    check,
-    check_kind,
-    describe,
-)
+from ..validation import NON_NEGATIVE, Domain, Number, Numbers, as_real, check, check_kind
 from .distributions import compute_quantiles, draw_normal_numbers
-from .parameters import name_parameters, refuse_name
+from .parameters import name_parameters
 
 # Two names, in the order of the coefficients of variation.
 Pair = tuple[str, str]
@@ -175,9 +165,9 @@ class Uncertain(Printed, eqx.Module):
     @property
     def correlations(self) -> dict[Pair, float]:
         """The correlation coefficients that are not 0, by pairs of names [-]."""
-        numbered = itertools.combinations(enumerate(self.names), 2)
-        pairs = {(one, two): self.matrix[k][j] for (k, one), (j, two) in numbered}
-        return {pair: value for pair, value in pairs.items() if value}
+        pairs = zip(*np.triu_indices(len(self.names), 1), strict=True)
+        named = {(self.names[k], self.names[j]): self.matrix[k][j] for k, j in pairs}
+        return {pair: value for pair, value in named.items() if value}
 
     @property
     def factor(self) -> np.ndarray:
@@ -236,13 +226,13 @@ class Uncertain(Printed, eqx.Module):
         arguments = {"block": block, "restitution": read_restitution(block, restitution)}
         arguments |= dict.fromkeys(FLOOR_NAMES if floor_names else (), 1.0)
         parameters = name_parameters(arguments, self.names, ARGUMENT)
-        shape = np.broadcast_shapes(*(value.shape for value in parameters.values))
+        shape = np.broadcast_shapes(*map(np.shape, parameters.values.values()))
         independent = draw_normal_numbers(len(self.names), self.samples, self.seed)
         normal = independent @ self.factor.T
         full = (*shape, self.samples)
         samples = {
             name: np.broadcast_to(np.expand_dims(value, -1), full)
-            for name, value in zip(parameters.names, parameters.values, strict=True)
+            for name, value in parameters.values.items()
         }
         for k, (name, variation) in enumerate(self.coefficients_of_variation.items()):
             if np.shape(variation) not in ((), shape):
@@ -261,11 +251,8 @@ class Uncertain(Printed, eqx.Module):
 def list_single_coefficients(uncertain: Uncertain) -> np.ndarray:
     """List the coefficients of variation; a `ValueError` if one is an array."""
     check_kind("uncertain", uncertain, Uncertain)
-    for name, value in uncertain.coefficients_of_variation.items():
-        if np.ndim(value):
-            raise ValueError(
-                f"{ARGUMENT} of {name} must be one number here, got {np.size(value)} of them"
-            )
+    if any(map(np.ndim, uncertain.coefficients)):
+        raise ValueError(f"{ARGUMENT} must be one number for each name here, got {uncertain}")
     return np.array(uncertain.coefficients)
 
 
@@ -277,28 +264,21 @@ def _arrange_correlations(
     Raises
     ------
     ValueError
-        If a pair does not consist of two different names, or is given in both orders; if a
-        correlation is not a number between -1 and 1; if the matrix is not positive
-        semi-definite.
+        If a pair does not consist of two different names; if a correlation is not a number
+        between -1 and 1; if the matrix is not positive semi-definite.
     """
     check_kind("correlations", correlations, Mapping)
     matrix = np.eye(len(names))
     for pair, value in correlations.items():
-        if not isinstance(pair, tuple) or len(set(pair)) != 2:
+        if len(pair) != 2 or len({*pair} & {*names}) != 2:
             raise ValueError(
-                f"correlations must have pairs of different names as keys, got {describe(pair)}"
+                f"correlations must have pairs of different names among {', '.join(names)} as"
+                f" keys, got {pair!r:.60}"
             )
-        for name in pair:
-            if name not in names:
-                refuse_name(name, names, "correlations")
         subject = f"correlations of {' and '.join(pair)}"
         check(subject, as_real(subject, value), _CORRELATION)
         row, column = map(names.index, pair)
-        if matrix[row, column]:
-            raise ValueError(
-                f"correlations must have each pair once, got {' and '.join(pair)} again"
-            )
-        matrix[row, column] = matrix[column, row] = float(value)
+        matrix[row, column] = matrix[column, row] = np.asarray(value, float)
     smallest = np.linalg.eigvalsh(matrix).min(initial=1.0)
     if smallest < -_ROUNDING_OF_EIGENVALUES:
         raise ValueError(
