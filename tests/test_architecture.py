@@ -65,7 +65,7 @@ CODE_LINES = {
     "driven": 3589,
     "steady": 876,
     "overturning": 529,
-    "sensitivity": 1120,
+    "sensitivity": 1099,
     "calibration": 1046,
     "calibration/outcomes": 950,
     "accuracy": 449,

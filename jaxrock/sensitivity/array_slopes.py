@@ -53,20 +53,15 @@ def value_and_slopes(
     0.233, 1.79 and -0.67
     """
     argnums = argnums if isinstance(argnums, int) else tuple(argnums)
-
-    @functools.wraps(function)
-    def differentiate(*arguments: PyTree, **named: object) -> tuple[Array, PyTree]:
-        return _value_and_slopes(function, argnums, arguments, named)
-
-    return differentiate
+    return functools.partial(_value_and_slopes, function, argnums)
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
 def _value_and_slopes(
     function: Callable[..., Array],
     argnums: int | tuple[int, ...],
-    arguments: tuple[PyTree, ...],
-    named: dict[str, object],
+    *arguments: PyTree,
+    **named: object,
 ) -> tuple[Array, PyTree]:
     """Compute values and slopes in one program for each function, form and shape."""
     value = functools.partial(function, **named)

@@ -65,9 +65,9 @@ class Sensitivities(Printed):
         dict of list
         """
         units = [UNITS.get(name, "-") for name in self.names]
-        heads = ("value", "derivative", "error", "elasticity", "below", "above")
-        columns = (self.at, self.gradient, self.error, self.elasticity, self.below, self.above)
-        listed = {head: column.tolist() for head, column in zip(heads, columns, strict=True)}
+        columns = {"value": self.at, "derivative": self.gradient, "error": self.error}
+        columns |= {"elasticity": self.elasticity, "below": self.below, "above": self.above}
+        listed = {head: column.tolist() for head, column in columns.items()}
         return {"quantity": list(self.names), "unit": units, **listed}
 
     def __str__(self) -> str:

@@ -233,7 +233,8 @@ def derivatives_within(
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if callable(of):
         scene = Scene(blocks, restitution, cast("Number", motion))
-        return _differentiate_closed_form(of, scene, tolerance, by, model)
+        answer = eqx.Partial(of, **({} if model is None else {"model": model}))
+        return _differentiate_closed_form(answer, scene, tolerance, by)
     motion = cast("Motion | Suite", motion)
     as_name("of", of, _CODES)
     scene, duration = gather_scene(blocks, restitution, motion, duration)
@@ -267,17 +268,12 @@ def derivatives_within(
 
 
 def _differentiate_closed_form(
-    function: Callable[..., Reals],
-    scene: Scene,
-    tolerance: float,
-    by: Sequence[str] | None,
-    model: ModelLike | None,
+    answer: eqx.Partial, scene: Scene, tolerance: float, by: Sequence[str] | None
 ) -> Derivatives:
     """Differentiate a function of scenes, all of whose numbers may be arrays."""
     names = (*_BY, "intensity") if by is None else by
     parameters = name_parameters(scene, names, "by")
     at = np.stack(np.broadcast_arrays(*parameters.values.values()), -1)
-    answer = eqx.Partial(function, **({} if model is None else {"model": model}))
     found = differentiate_at(answer, parameters, at)
     limits = found.below, found.above
     reasons = [
@@ -285,7 +281,7 @@ def _differentiate_closed_form(
     ]
     columns = at, found.gradient, found.error, *limits, *reasons
     numbered = {[*parameters.values].index(name): name for name in names}
-    of = getattr(function, "__name__", "answer")
+    of = getattr(answer.func, "__name__", "answer")
     return _make_derivatives(of, numbered, tolerance, None, found.value, columns)
 
 

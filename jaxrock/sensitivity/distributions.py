@@ -62,8 +62,8 @@ def compute_quantiles(
 ) -> np.ndarray:
     """Compute samples of a parameter from standard normal numbers; the shapes broadcast.
 
-    A parameter between 0 and 1 has a Beta distribution, and the value is its mean. Others are
-    lognormal where the value is positive, otherwise normal, and the value is their median.
+    A parameter between 0 and 1 has a Beta distribution, and the value is its mean. The
+    magnitude of any other is lognormal, and the value is the median.
     """
     value, variation, normal = np.broadcast_arrays(np.asarray(value), variation, normal)
     if is_between_0_and_1(name):
@@ -72,8 +72,7 @@ def compute_quantiles(
         shape = find_shape(name, value[is_uncertain], variation[is_uncertain])
         samples[is_uncertain] = betaincinv(*shape, ndtr(normal[is_uncertain]))
         return samples
-    lognormal = value * np.exp(np.log1p(variation**2) ** 0.5 * normal)
-    return np.where(value > 0, lognormal, value + variation * abs(value) * normal)
+    return value * np.exp(np.log1p(variation**2) ** 0.5 * normal)
 
 
 def map_normal_numbers(
@@ -86,11 +85,7 @@ def map_normal_numbers(
 
 def expand_quantile(name: str, value: float, variation: float) -> tuple[float, ...]:
     """Return a parameter where its standard normal number is 0, and two derivatives there."""
-    if not variation * value:
-        return (value, 0.0, 0.0)
-    if not is_between_0_and_1(name):
-        if value < 0:
-            return (value, -variation * value, 0.0)
+    if not (is_between_0_and_1(name) and variation * value):
         width = np.log1p(variation**2) ** 0.5
         return (value, value * width, value * width**2)
     a, b = find_shape(name, value, variation)
@@ -119,7 +114,4 @@ def compute_scores(
         # (mean variation^2) - 1.
         score_sum = value * score_a + (1 - value) * score_b
         return value * (a + b) * (score_a - score_b) - score_sum / value / variation**2
-    if value > 0:
-        return np.log(samples / value) / np.log1p(variation**2)
-    normal = (samples - value) / (variation * abs(value))
-    return normal**2 - 1 - normal / variation
+    return np.log(samples / value) / np.log1p(variation**2)

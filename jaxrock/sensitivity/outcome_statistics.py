@@ -55,7 +55,10 @@ def compute_sobol_indices(
     """
     records = first.shape[1]
     # The mean over the records, followed by the answers under each record.
-    first, second, mixed = map(_add_mean, (first, second, mixed))
+    first, second, mixed = (
+        np.concatenate([part.mean(axis=-2, keepdims=True), part], axis=-2)
+        for part in (first, second, mixed)
+    )
     both = np.stack([first, second])
     change = mixed - first
     means = both[:, :, 1:].mean(axis=(0, 3))
@@ -93,11 +96,6 @@ def _estimate(
     residuals = stacked - indices[..., None] * whole[:, None]
     errors = residuals.std(axis=-1) / whole.shape[-1] ** 0.5 / variance
     return {name: indices, f"{name}_error": errors}
-
-
-def _add_mean(values: np.ndarray) -> np.ndarray:
-    """Put the mean over the records before the values, shape (..., 1 + records, samples)."""
-    return np.concatenate([values.mean(axis=-2, keepdims=True), values], axis=-2)
 
 
 def compute_derivatives(

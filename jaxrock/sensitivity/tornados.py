@@ -62,9 +62,7 @@ class TornadoBars(Shown):
     def __str__(self) -> str:
         columns = {"at_low": self.at_low, "at_high": self.at_high}
         ranges = format_ranges(self.low, self.high)
-        head = f"{self.value:.6g}"
-        if not np.isfinite(self.value):
-            head = "has no value: the block overturns with all parameters unchanged"
+        head = f"{self.value:.6g}" if np.isfinite(self.value) else "overturns"
         text = format_table(
             head, [*map(describe_parameter, self.names)], range=ranges, **columns
         )
@@ -182,11 +180,11 @@ def _list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     # All points are one batch for one program.
     points = np.tile(point, (1 + 2 * len(ranges), 1))
     for k, (name, limits) in enumerate(ranges.items()):
+        ends = as_real(f"ranges of {name}", limits)
         # A value in float32, or computed from other values, may differ by rounding from the
         # number that was typed.
-        reach = point[k] + 1e-6 * abs(point[k]) * np.array([1.0, -1.0])
-        is_pair = np.shape(as_real(f"ranges of {name}", limits)) == (2,)
-        if not (is_pair and limits[0] <= reach[0] and limits[1] >= reach[1]):
+        rounding = 1e-6 * abs(point[k])
+        if ends.shape != (2,) or not ends[0] - rounding <= point[k] <= ends[1] + rounding:
             raise ValueError(
                 f"ranges of {name} must be a low and a high value around {point[k]:g}, got"
                 f" {describe(limits)}"

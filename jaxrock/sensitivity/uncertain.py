@@ -56,7 +56,7 @@ class Uncertain(Printed, eqx.Module):
 
     Each parameter has a value without uncertainty, and a coefficient of variation. A
     ``restitution`` or ``damping_ratio`` has a Beta distribution, of which the value is the
-    mean. Positive parameters are lognormal, all others normal, and the value is their median.
+    mean. All others are lognormal, negative ones by their magnitude, and the value is the median.
     They are independent except for the given correlations.
 
     Parameters
@@ -89,7 +89,7 @@ class Uncertain(Printed, eqx.Module):
     ------
     ValueError
         If a coefficient is out of range; if `correlations` are not of two different names
-        each, or form no positive semi-definite matrix; if `samples` or `seed` are not as above.
+        each, or form no positive semi-definite matrix; if `samples` is not as above.
 
     Notes
     -----
@@ -136,8 +136,6 @@ class Uncertain(Printed, eqx.Module):
         # Only powers of 2 points are balanced, with errors of order 1 / n.
         if type(samples) is not int or samples < 1 or samples & (samples - 1):
             raise ValueError(f"samples must be a power of 2, got {samples!r:.60}")
-        if type(seed) is not int or seed < 0:
-            raise ValueError(f"seed must be a whole number from 0 on, got {seed!r:.60}")
         self.names = tuple(coefficients_of_variation)
         self.coefficients = tuple(coefficients)
         self.matrix = _arrange_correlations(correlations or {}, self.names)
@@ -155,12 +153,9 @@ class Uncertain(Printed, eqx.Module):
         return f"{text}{self.samples} samples, seed {self.seed}"
 
     @property
-    def coefficients_of_variation(self) -> dict[str, float | np.ndarray]:
-        """The coefficients by name, as numbers or arrays of shape (objects,) [-]."""
-        return {
-            name: np.array(value) if isinstance(value, tuple) else value
-            for name, value in zip(self.names, self.coefficients, strict=True)
-        }
+    def coefficients_of_variation(self) -> dict[str, np.ndarray]:
+        """The coefficients by name, of shape () or (objects,) [-]."""
+        return dict(zip(self.names, map(np.array, self.coefficients), strict=True))
 
     @property
     def correlations(self) -> dict[Pair, float]:
@@ -267,7 +262,6 @@ def _arrange_correlations(
         If a pair does not consist of two different names; if a correlation is not a number
         between -1 and 1; if the matrix is not positive semi-definite.
     """
-    check_kind("correlations", correlations, Mapping)
     matrix = np.eye(len(names))
     for pair, value in correlations.items():
         if len(pair) != 2 or len({*pair} & {*names}) != 2:
