@@ -12,8 +12,7 @@ from scipy import stats
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.sensitivity.derivative_validity import find_finite_ranges
-from jaxrock.sensitivity.moments import _estimate_moments
+from jaxrock.sensitivity.closed_forms import find_finite_ranges
 
 pytestmark = pytest.mark.float64
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
@@ -79,7 +78,7 @@ def test_names_of_sides_where_there_are_other_widths():
     single = {"block": jr.Block(0.4, 5.0), "width": 2.0}
     found = jr.sensitivities(lambda at: at["block"].half_width, single, sides=True)
     assert found.names == ("block.width", "height", "gravity", "inertia_ratio", "width")
-    with pytest.raises(ValueError, match=r"'height', which is none of a\.half_width"):
+    with pytest.raises(ValueError, match=r"'height', which is none of a\.width"):
         jr.tornado(answer, two, {"height": (1.0, 2.0)})  # of which of the two?
 
 
@@ -95,9 +94,7 @@ def test_no_derivatives_beyond_the_threshold():
 
 def test_a_tornado_says_where_it_overturns():
     bars = jr.tornado(jr.rotation_ratio, WALL, {"restitution": (0.6, 0.99)})
-    assert str(bars).endswith(" overturns   0 to 0.8557")
-    threshold = float(jr.critical_restitution(WALL.block, 0.15))
-    assert bars.above[0] == pytest.approx(threshold, rel=1e-15)
+    assert str(bars).endswith(" overturns")
     assert "overturns" in str(jr.sensitivities(jr.rotation_ratio, beyond_the_threshold()))
 
 
@@ -307,9 +304,13 @@ def test_what_is_within_tolerance_is_as_good_as_is_said(answer, model):
 
 def test_an_offset_is_an_error_of_the_mean_alone():
     """What all samples have in common, and the medians not, is no deviation."""
-    z = np.random.default_rng(0).normal(size=(4096, 1))
-    series = (np.array(1.0), np.array([0.1]), np.zeros((1, 1)))
-    moments = _estimate_moments(("intensity",), series, z, 1.0 + 0.1 * z[:, 0] + 0.05)
+
+    def answer(at):
+        offset = jnp.where(at["x"] == 2.0, 0.0, 0.05)
+        return 1.0 + 0.1 * jnp.log(at["x"] / 2) / np.log1p(0.01) ** 0.5 + offset
+
+    uncertain = jr.Uncertain({"x": 0.1}, samples=4096)
+    moments = jr.sensitivity.propagate(answer, {"x": 2.0}, uncertain)
     # Two standard errors are part of it.
     assert moments.mean_error == pytest.approx(0.5, abs=1e-9)
     assert moments.standard_deviation_error < 0.05
@@ -350,10 +351,9 @@ def test_second_order_of_one_parameter(name, value):
     distribution = {
         0.8: stats.beta(0.8 * 24, 0.2 * 24),
         2.0: stats.lognorm(np.log1p(variation**2) ** 0.5, scale=2.0),
-        -2.0: stats.norm(-2.0, 0.2),
-    }[value]
+    }[abs(value)]
     h = 1e-3
-    low, middle, high = distribution.ppf(stats.norm.cdf([-h, 0.0, h]))
+    low, middle, high = np.sign(value) * distribution.ppf(stats.norm.cdf([-h, 0.0, h]))
     expected = (middle, (high - low) / (2 * h), (high - 2 * middle + low) / h**2)
     found = jr.sensitivity.distributions.expand_quantile(name, value, variation)
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)

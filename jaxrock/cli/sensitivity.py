@@ -113,10 +113,10 @@ def driven_sensitivity(  # noqa: PLR0913
     """Find what the outcome under a pulse, a record or a suite depends on.
 
     It computes the probabilities that the block rocks and overturns, Sobol indices, and
-    derivatives of the probabilities with respect to the median and the coefficient of variation
-    of each parameter. Under one motion it adds a tornado, and derivatives of the answer with
-    their errors and the ranges in which they hold, by `jaxrock.derivatives_within`. Parameters
-    of the size are those of the command sensitivity. Writes sensitivity.csv, probabilities.csv,
+    derivatives of the probabilities with respect to the logarithm of the median of each
+    parameter. Under one motion it adds a tornado, and derivatives of the answer with their
+    errors and the ranges in which they hold, by `jaxrock.derivatives_within`. Parameters of the
+    size are those of the command sensitivity. Writes sensitivity.csv, probabilities.csv,
     probabilities.png, and tornado.png under one motion.
 
     Example: jaxrock driven-sensitivity --width 0.4 --height 2 --record example --scale 1.5
@@ -166,7 +166,7 @@ def driven_sensitivity(  # noqa: PLR0913
         data: dict[str, object] = {"model": model, "record_source": source}
         if not isinstance(motion, Suite):
             name = answer.replace("-", "_")
-            duration = dependence.choose_duration(motion, name)
+            duration = motion.end + dependence.BEYOND
             local = dependence.derivatives_within(
                 block, c, motion, _TOLERANCE, duration, of=name, by=tuple(at), model=model
             )

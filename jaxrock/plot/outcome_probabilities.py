@@ -5,12 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..sensitivity import (
-    OutcomeProbabilities,
-    describe_index,
-    describe_parameter,
-    is_index_known,
-)
+from ..sensitivity import OutcomeProbabilities, describe_parameter
 from ..validation import as_name
 from .axes import ABOVE, INK, LIGHT, LINE, NEUTRAL, check_result, get_axes, label_axes
 
@@ -49,8 +44,8 @@ def plot_outcome_probabilities(
         probabilities.high - probabilities.probability,
     ]
     look = {"fmt": "none", "ecolor": INK, "capsize": 5}
-    name = f"{probabilities.confidence:.0%} interval"
-    ax.errorbar(probabilities.probability, rows, xerr=np.abs(reach), label=name, **look)
+    look["label"] = "95 % interval"
+    ax.errorbar(probabilities.probability, rows, xerr=np.abs(reach), **look)
     names = zip(probabilities.outcomes, probabilities.probability, strict=True)
     ax.set_yticks(rows, [f"{outcome}: {probability:.3f}" for outcome, probability in names])
     ax.set_xlim(-0.02, 1.02)
@@ -64,7 +59,7 @@ def plot_sobol_indices(
     """Draw which part of the variance of an answer comes from each parameter.
 
     The first-order index is the part of a parameter alone. The total index includes its
-    interactions with other parameters. An index that noise hides has words instead of a bar.
+    interactions with other parameters. Lines are standard errors.
 
     Parameters
     ----------
@@ -93,17 +88,12 @@ def plot_sobol_indices(
         ("first order", rows + 0.2, LIGHT, probabilities.first, probabilities.first_error),
         ("total", rows - 0.2, INK, probabilities.total, probabilities.total_error),
     ):
-        pairs = np.transpose([values[k], errors[k]])
-        known = [bool(is_index_known(*pair)) for pair in pairs]
-        drawn = np.where(np.transpose([known]), pairs, 0.0).T
         look = {"color": colour, "error_kw": {"ecolor": NEUTRAL, "capsize": 2}}
-        ax.barh(heights, drawn[0], height=0.36, xerr=drawn[1], label=label, **look)
-        for height, pair, is_known in zip(heights, pairs, known, strict=True):
-            if not is_known:
-                ax.text(0.01, height, describe_index(*pair), va="center", fontsize="x-small")
+        ax.barh(heights, values[k], height=0.36, xerr=errors[k], label=label, **look)
     ax.axvline(0, color=LINE, linewidth=0.8)
     ax.set_yticks(rows, [describe_parameter(name) for name in probabilities.sources])
-    # The error of an index near 1 may reach beyond 1.
-    ax.set_xlim(0.0, max(1.05, ax.get_xlim()[1]))
+    # An index or its error may reach beyond 0 and 1.
+    low, high = ax.get_xlim()
+    ax.set_xlim(min(0.0, low), max(1.05, high))
     ax.legend(**ABOVE, ncols=2)
     return label_axes(ax, f"Sobol index: {answer} [-]", "", grid="x")

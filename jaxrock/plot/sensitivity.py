@@ -38,8 +38,7 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
 
     Below the name of each parameter stands its range; an end without an answer says that the
     block overturns there. If the block overturns with all parameters unchanged, bars begin at
-    the highest answer. If it overturns at all ends as well, or if no parameter changes the
-    answer, a sentence replaces the bars.
+    the highest answer. If it overturns at all ends as well, there are no bars.
 
     Parameters
     ----------
@@ -63,13 +62,10 @@ def plot_tornado(bars: TornadoBars, ax: Axes | None = None, label: str = "answer
     check_result("bars", bars, TornadoBars, "tornado(answer, at, ranges)")
     rows = np.arange(len(bars.names))[::-1]
     ax = get_axes(ax, figsize=(6.4, 1.4 + 0.6 * rows.size))
-    if bars.reason_without_bars:
-        sentence = textwrap.fill(f"No bars: the answer {bars.reason_without_bars}.", 60)
-        ax.text(0.5, 0.5, sentence, ha="center", va="center", transform=ax.transAxes)
-        ax.set(xticks=[], yticks=[])
-        return label_axes(ax, label, "", grid="x")
     answers = np.array([bars.at_low, bars.at_high])
-    middle = bars.value if np.isfinite(bars.value) else np.nanmax(answers)
+    # Without any answer there are no bars.
+    middle = np.nanmax([-np.inf, *answers.flat]) if np.isnan(bars.value) else bars.value
+    middle = middle if np.isfinite(middle) else 0.0
     lengths = np.nan_to_num(answers - middle)
     for k, (colour, name) in enumerate(((INK, "low"), (LIGHT, "high"))):
         look = {"left": middle, "height": 0.6, "color": colour, "label": f"at the {name} end"}

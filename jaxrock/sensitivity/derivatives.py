@@ -1,7 +1,7 @@
 """Derivatives of an answer under a motion, with their errors and the ranges in which they hold."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, cast
 
@@ -16,29 +16,20 @@ from ..driven import (
     BatchArguments,
     EstimatedResponse,
     SimulatedAnswer,
-    check_batch,
     differentiate_within,
     find_slope_scale,
     simulate_batch,
 )
-from ..ground_motion import Harmonic, Motion, Pulse, Record, Suite
-from ..host import Printed
+from ..ground_motion import Motion, Record, Suite
+from ..host import Printed, format_number
 from ..resonance import ModelLike, Nonlinear, RockingModel, Scene, as_model
-from ..validation import POSITIVE, Number, Reals, as_name, as_real, check, check_concrete
-from .derivative_validity import differentiate_closed_form
-from .driven_answer import change_motion, name_fields
-from .parameters import Parameters, describe_parameter, name_parameters
+from ..validation import POSITIVE, Number, Reals, as_name, as_real, check
+from .closed_forms import differentiate_at
+from .driven_scenes import gather_scene, make_batch
+from .parameters import Parameters, name_parameters
 
 # The answers as `Batch` numbers them.
 _CODES = {"peak_rotation": 0, "rotation_ratio": 1, "margin": 2}
-_SYMBOLS = {
-    "restitution": "C",
-    "half_width": "b",
-    "slenderness": "lambda",
-    "critical_angle": "alpha_c",
-    "frequency_parameter": "p",
-    "intensity": "I",
-}
 _BY = "restitution", "half_width", "slenderness"
 # Ranges are examined up to this fraction of a parameter. An end is put at this fraction of the
 # distance to a coincidence, which is known to first order; where a simulation there shows that it
@@ -116,30 +107,23 @@ class Derivatives(Printed, eqx.Module):
         str
             The derivative with its error and range, and what ends that; or why there is none.
         """
-        symbol = _SYMBOLS.get(name, name)
         columns = self.at, self.derivative, self.error, self.below, self.above
         x, slope, error, low, high = (float(column[name]) for column in columns)
-        head = f"d({self.of.replace('_', ' ')})/d{symbol}"
+        words = name.replace("_", " ")
+        head = f"d({self.of.replace('_', ' ')})/d({words})"
         if math.isnan(slope):
             return f"{head} does not exist: the block overturns"
         if math.isinf(error):
             return f"{head} is not known: less accurate simulations go another way"
-        digits = _count_digits(slope, error)
-        limits = " to ".join(
-            f"{limit:.{max(4, 1 + _count_digits(x, abs(x - limit)))}g}"
-            for limit in (low, high)
-        )
-        text = f"{head} = {slope:.{digits}g} +- {error:.1g}, for {symbol} from {limits}"
-        sides = (
-            ("below", "larger", low, self.below_reason),
-            ("above", "smaller", high, self.above_reason),
-        )
-        for side, inside, limit, column in sides:
+        text = f"{head} = {_write(slope, error)} +- {error:.1g}, for {words} from "
+        text += " to ".join(_write(limit, 0.1 * abs(x - limit)) for limit in (low, high))
+        for side, limit, column in (
+            ("below", low, self.below_reason),
+            ("above", high, self.above_reason),
+        ):
             reason = int(column[name])
-            if limit == x and reason == _LIMIT:
-                text += f"; one-sided, for a {inside} {symbol}"
-            elif limit == x:
-                text += f"; no range {side} was confirmed: {REASONS[reason]}"
+            if limit == x:
+                text += f"; no range {side}: {REASONS[reason]}"
             elif reason != _EXAMINED:
                 text += f"; {side}, {REASONS[reason]}"
         return text
@@ -160,20 +144,18 @@ class Derivatives(Printed, eqx.Module):
 
     def __str__(self) -> str:
         if np.ndim(self.value):
-            certified = {k: float(np.mean(v)) for k, v in self.within_tolerance.items()}
-            lines = [f"{describe_parameter(k)}: {v:.1%}" for k, v in certified.items()]
-            return "\n".join(["derivatives within the tolerance, by parameter", *lines])
+            lines = [f"{k}: {format_number(v)}" for k, v in self.within_tolerance.items()]
+            return "\n".join(["derivatives within the tolerance", *lines])
         head = f"{self.of.replace('_', ' ')} {float(self.value):.6g}"
         return "\n".join([head, *map(self.explain, self.derivative)])
 
 
-def _count_digits(value: float, error: float) -> int:
-    """Count the digits of a value that its error leaves."""
-    if not (value and error and math.isfinite(error)):
-        return 6
-    return int(
-        np.clip(1 + math.floor(math.log10(abs(value))) - math.floor(math.log10(error)), 1, 12)
-    )
+def _write(value: float, error: float) -> str:
+    """Write a value with the digits that its error leaves."""
+    digits = 6.0
+    if value and error:
+        digits = 1 + np.floor(np.log10(abs(value))) - np.floor(np.log10(error))
+    return f"{value:.{np.clip(digits, 4, 12):.0f}g}"
 
 
 def derivatives_within(
@@ -244,73 +226,74 @@ def derivatives_within(
     >>> block, pulse = jr.Block(half_width=0.2, slenderness=5.0), jr.Sine(3.0, 0.5)
     >>> found = jr.derivatives_within(block, 0.9, pulse, 1e-6, 3.0, by=("restitution",))
     >>> print(found.explain("restitution").partition(", for")[0])
-    d(peak rotation)/dC = 0.1005515539 +- 4e-10
+    d(peak rotation)/d(restitution) = 0.1005515539 +- 4e-10
     >>> print(f"for C from {found.below['restitution']:.2f} to {found.above['restitution']:.2f}")
     for C from 0.87 to 0.99
     """
     check("tolerance", as_real("tolerance", tolerance), POSITIVE)
     if callable(of):
         scene = Scene(blocks, restitution, cast("Number", motion))
-        return _differentiate_closed_form(of, scene, tolerance, by, model)
+        answer = eqx.Partial(of, **({} if model is None else {"model": model}))
+        return _differentiate_closed_form(answer, scene, tolerance, by)
     motion = cast("Motion | Suite", motion)
-    restitution, duration = check_batch(blocks, restitution, motion, duration)
     as_name("of", of, _CODES)
-    scene = {name: getattr(motion, name) for name in name_fields(motion)}
-    scene |= {"block": blocks, "restitution": restitution, "factor": 1.0}
-    check_concrete((scene, motion, duration), "errors follow from the answers")
+    scene, duration = gather_scene(blocks, restitution, motion, duration)
     names = (*_BY, "factor") if by is None else tuple(by)
     parameters = name_parameters(scene, names, "by")
-    batch = _make_batch(parameters, {}, motion, duration)
+    batch = make_batch(parameters.build({}), motion, duration)
     batch = replace(batch, answer=np.asarray(_CODES[of], batch.dtype))
-    values = [parameters.values[parameters.names.index(name)] for name in names]
-    at = np.stack([np.broadcast_to(value, batch.shape) for value in values], -1)
+    at = np.stack(
+        [np.broadcast_to(parameters.values[name], batch.shape) for name in names], -1
+    )
     # Records of many lengths share one program.
     traced = motion.bucketed() if isinstance(motion, Record) else motion
-    directions = _find_directions(parameters, names, values, traced, duration)
-    moved = replace(batch, directions=_drop_zeros(directions, batch.dtype))
+    directions = _find_directions(parameters, names, traced, duration)
+    # What moves with no parameter becomes None: of that nothing has to be computed.
+    moves = jax.tree.map(lambda *leaves: any(map(np.any, leaves)), *directions)
+    directions = tuple(
+        jax.tree.map(
+            lambda move, leaf: np.asarray(leaf, batch.dtype) if move else None, moves, part
+        )
+        for part in directions
+    )
+    moved = replace(batch, directions=directions)
     equation = as_model(Nonlinear() if model is None else model)
     response, answer, slopes, error = differentiate_within(moved, tolerance, equation, at)
     derivative = np.where(np.isnan(answer.value)[..., None], np.nan, slopes.value)
-    scenes = _Scenes(parameters, names, motion, duration, batch, equation)
-    distances, reasons = scenes.find_ranges(at, answer, slopes, response, tolerance)
-    columns = at, derivative, error, at - distances[0], at + distances[1], *reasons
-    return _make_derivatives(of, names, tolerance, response, answer.value, columns)
+    scenes = _Scenes(parameters, names, at, motion, duration, batch, equation)
+    limits, reasons = scenes.find_ranges(answer, slopes, np.asarray(response.rtol), tolerance)
+    columns = at, derivative, error, *limits, *reasons
+    numbered = dict(enumerate(names))
+    return _make_derivatives(of, numbered, tolerance, response, answer.value, columns)
 
 
 def _differentiate_closed_form(
-    function: Callable[..., Reals],
-    scene: Scene,
-    tolerance: float,
-    by: Sequence[str] | None,
-    model: ModelLike | None,
+    answer: eqx.Partial, scene: Scene, tolerance: float, by: Sequence[str] | None
 ) -> Derivatives:
     """Differentiate a function of scenes, all of whose numbers may be arrays."""
-    shape = np.broadcast_shapes(*(np.shape(leaf) for leaf in jax.tree.leaves(scene)))
-    names = (*_BY, "intensity") if by is None else tuple(by)
+    names = (*_BY, "intensity") if by is None else by
     parameters = name_parameters(scene, names, "by")
-    listed = parameters.names
-    at = np.stack([np.broadcast_to(value, shape) for value in parameters.values], -1)
-    answer = eqx.Partial(function, **({} if model is None else {"model": model}))
-    found = differentiate_closed_form(answer, parameters, listed, at)
+    at = np.stack(np.broadcast_arrays(*parameters.values.values()), -1)
+    found = differentiate_at(answer, parameters, at)
     limits = found.below, found.above
-    limited = [np.isinf(end) | ((end == k) & (k == 0)) for k, end in enumerate(limits)]
-    reasons = [np.where(part, _EXAMINED, _OVERTURNS) for part in limited]
-    kept = [listed.index(name) for name in names]
-    columns = (at, found.gradient, found.error, *limits, *reasons)
-    columns = [column[..., kept] for column in columns]
-    name = getattr(function, "__name__", "answer")
-    return _make_derivatives(name, names, tolerance, None, found.value, columns)
+    reasons = [
+        np.where(np.isinf(limit) | (limit == 0), _EXAMINED, _OVERTURNS) for limit in limits
+    ]
+    columns = at, found.gradient, found.error, *limits, *reasons
+    numbered = {[*parameters.values].index(name): name for name in names}
+    of = getattr(answer.func, "__name__", "answer")
+    return _make_derivatives(of, numbered, tolerance, None, found.value, columns)
 
 
 def _make_derivatives(
     of: str,
-    names: tuple[str, ...],
+    names: dict[int, str],
     tolerance: float,
     response: EstimatedResponse | None,
     value: Any,
     columns: Sequence[np.ndarray],
 ) -> Derivatives:
-    """Decide which derivatives are within the tolerance, and give all columns by name."""
+    """Decide which derivatives are within the tolerance, and give columns by name and index."""
     at, derivative, error, below, above, *reasons = columns
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = np.fmax(np.abs(derivative), np.abs(value[..., None] / at))
@@ -320,54 +303,31 @@ def _make_derivatives(
     if response is not None:
         within_tolerance &= np.asarray(response.within_tolerance)[..., None]
     by_name = (
-        {name: jax.device_put(column[..., k]) for k, name in enumerate(names)}
+        {name: jax.device_put(column[..., k]) for k, name in names.items()}
         for column in (at, derivative, error, below, above, within_tolerance, *reasons)
     )
     return Derivatives(of, jax.device_put(value), response, *by_name)
-
-
-def _make_batch(
-    parameters: Parameters,
-    changes: Mapping[str, Reals | np.ndarray],
-    motion: Motion | Suite,
-    duration: Number | None,
-) -> Batch:
-    """Make the batch for other values of some parameters, which may be traced."""
-    scene = parameters.build(changes)
-    motion = change_motion(motion, scene).scaled(scene["factor"])
-    return Batch.of(scene["block"], scene["restitution"], motion, duration)
 
 
 @eqx.filter_jit
 def _find_directions(
     parameters: Parameters,
     names: tuple[str, ...],
-    values: Sequence[Any],
     motion: Motion | Suite,
     duration: Number | None,
 ) -> list[BatchArguments]:
     """Find how the numbers of a batch move with each parameter."""
+    values = [jnp.asarray(parameters.values[name]) for name in names]
 
     def list_arguments(values: Sequence[Reals]) -> BatchArguments:
-        changes = dict(zip(names, values, strict=True))
-        return _make_batch(parameters, changes, motion, duration).arguments
+        scene = parameters.build(dict(zip(names, values, strict=True)))
+        return make_batch(scene, motion, duration).arguments
 
-    def move_one(k: int) -> BatchArguments:
-        along = [jnp.full_like(value, float(j == k)) for j, value in enumerate(values)]
-        return jax.jvp(list_arguments, (list(values),), (along,))[1]
+    def move_along(row: np.ndarray) -> BatchArguments:
+        unit = [jnp.full_like(x, component) for x, component in zip(values, row, strict=True)]
+        return jax.jvp(list_arguments, (values,), (unit,))[1]
 
-    return [move_one(k) for k in range(len(names))]
-
-
-def _drop_zeros(
-    directions: Sequence[BatchArguments], dtype: np.dtype
-) -> tuple[BatchArguments, ...]:
-    """Replace by None what moves with no parameter: of that nothing has to be computed."""
-    moves = jax.tree.map(lambda *leaves: any(np.any(leaf) for leaf in leaves), *directions)
-    return tuple(
-        jax.tree.map(lambda move, leaf: np.asarray(leaf, dtype) if move else None, moves, part)
-        for part in directions
-    )
+    return [*map(move_along, np.eye(len(names)))]
 
 
 class _Scenes(NamedTuple):
@@ -375,6 +335,7 @@ class _Scenes(NamedTuple):
 
     parameters: Parameters
     names: tuple[str, ...]
+    at: np.ndarray
     motion: Motion | Suite
     duration: Number | None
     batch: Batch
@@ -382,76 +343,67 @@ class _Scenes(NamedTuple):
 
     def find_ranges(
         self,
-        at: np.ndarray,
         answer: SimulatedAnswer,
         slopes: SimulatedAnswer,
-        response: EstimatedResponse,
+        rtol: np.ndarray,
         tolerance: float,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Find how far slopes go on below and above, and what ends them there.
+        """Find up to where slopes go on below and above, and what ends them there.
 
         Returns
         -------
-        distances, reasons : ndarray, shape (2, ..., parameters)
+        limits, reasons : ndarray, shape (2, ..., parameters)
         """
+        size = np.abs(self.at)
+        # A restitution stays between its limits 0 and 1.
+        is_restitution = np.array(self.names) == "restitution"
+        domain = np.where(is_restitution, 0.9 * np.stack([size, 1 - size]), np.inf)
+        farthest = np.broadcast_to(_FARTHEST * size, domain.shape)
         pairs = slopes.events.nearest, slopes.change, slopes.overturning
-        rates = np.stack([[pair.below, pair.above] for pair in pairs])
         with np.errstate(divide="ignore"):
-            coincidences = _NEARER / rates
-        farthest = np.broadcast_to(_FARTHEST * np.abs(at), coincidences.shape[1:])
-        limits = np.full_like(farthest, np.inf)
-        if "restitution" in self.names:
-            k = self.names.index("restitution")
-            # A restitution stays between its limits 0 and 1.
-            limits[..., k] = 0.9 * np.stack([c := np.abs(at[..., k]), 1 - c])
-        candidates = np.stack([farthest, limits, *coincidences])
+            coincidences = [_NEARER / np.stack([pair.below, pair.above]) for pair in pairs]
+        candidates = np.stack([farthest, domain, *coincidences])
         reasons = np.argmin(candidates, axis=0)
+        steps = candidates.min(axis=0)
         unknown = np.isnan(answer.value)[..., None]
-        distances = candidates.min(axis=0)
-        least = _ROUNDING * np.finfo(at.dtype).eps * np.abs(at)
-        distances = np.where(unknown, np.nan, np.where(distances > least, distances, 0))
-        bends = np.full_like(distances, np.nan)
-        valid = np.zeros(distances.shape, bool)
-        allowed = tolerance * find_slope_scale(answer, slopes, at)
-        rtol = np.asarray(response.rtol)
+        least = _ROUNDING * np.finfo(size.dtype).eps * size
+        steps = np.where(unknown, np.nan, np.where(steps > least, steps, 0))
+        steps[0] *= -1
+        bends = np.full_like(steps, np.nan)
+        valid = np.zeros(steps.shape, bool)
+        allowed = tolerance * find_slope_scale(answer, slopes, self.at)
         for _ in range(_ROUNDS):
-            pending = ~valid & (distances > 0)
+            pending = ~valid & (np.abs(steps) > 0)
             if not pending.any():
                 break
-            moved = self._simulate_limits(at, distances, pending, rtol)
-            failure = _check_limits(moved, answer, slopes, distances, pending, bends, allowed)
+            moved = self._simulate_limits(steps, pending, rtol)
+            failure = _check_limits(moved, answer, slopes, steps, pending, bends, allowed)
             fails = failure >= 0
             valid |= pending & ~fails
             reasons = np.where(fails & (reasons <= _LIMIT), failure, reasons)
-            distances = np.where(fails, _REDUCTION * distances, distances)
-        return np.where(valid | unknown, distances, 0), reasons
+            steps = np.where(fails, _REDUCTION * steps, steps)
+        return self.at + np.where(valid | unknown, steps, 0), reasons
 
     def _simulate_limits(
-        self, at: np.ndarray, distances: np.ndarray, pending: np.ndarray, rtol: np.ndarray
+        self, steps: np.ndarray, pending: np.ndarray, rtol: np.ndarray
     ) -> SimulatedAnswer:
         """Simulate the limits of ranges that are pending, in the order of `np.nonzero`."""
-        count = len(self.names)
-        flat = at.reshape(-1, count)
-        side, block, parameter = np.nonzero(pending.reshape(2, -1, count))
-        distance = distances[pending]
+        flat = self.at.reshape(-1, len(self.names))
+        _, block, parameter = np.nonzero(pending.reshape(2, *flat.shape))
         values = flat[block]
-        values[np.arange(block.size), parameter] += np.where(side, distance, -distance)
-        changes = dict(zip(self.names, values.T, strict=True))
-        shape = self.batch.shape
+        values[np.arange(block.size), parameter] += steps[pending]
 
         def take(leaf: Any) -> np.ndarray:
-            return np.broadcast_to(leaf, shape).flat[block]
+            return np.broadcast_to(leaf, self.batch.shape).flat[block]
 
-        numbers = [take(value) for value in self.parameters.values]
-        scene = replace(self.parameters, values=numbers).build(changes)
+        numbers = {name: take(value) for name, value in self.parameters.values.items()}
+        numbers |= dict(zip(self.names, values.T, strict=True))
         part = self.batch.select(block)
-        motion = part.ground
-        if isinstance(self.motion, Pulse | Harmonic):
-            motion = change_motion(jax.tree.map(take, self.motion), scene)
+        is_sampled = isinstance(self.motion, Record | Suite)
+        motion = part.ground if is_sampled else jax.tree.map(take, self.motion)
         until = None if self.duration is None else part.until
-        levels = np.broadcast_to(rtol, shape).flat[block]
-        moved = Batch.of(scene["block"], scene["restitution"], motion, until, rtol=levels)
-        moved = replace(moved.scaled(scene["factor"]), answer=part.answer)
+        moved = make_batch(self.parameters.build(numbers), motion, until, rtol=take(rtol))
+        moved = replace(moved, answer=part.answer)
         return cast("SimulatedAnswer", simulate_batch(moved, self.model).answer)
 
 
@@ -459,7 +411,7 @@ def _check_limits(
     moved: SimulatedAnswer,
     answer: SimulatedAnswer,
     slopes: SimulatedAnswer,
-    distances: np.ndarray,
+    steps: np.ndarray,
     pending: np.ndarray,
     bends: np.ndarray,
     allowed: np.ndarray,
@@ -475,10 +427,10 @@ def _check_limits(
     """
 
     def select(column: np.ndarray) -> np.ndarray:
-        return np.broadcast_to(column, distances.shape)[pending]
+        return np.broadcast_to(column, steps.shape)[pending]
 
-    distance = distances[pending]
-    step = np.where(np.nonzero(pending)[0], distance, -distance)
+    step = steps[pending]
+    distance = np.abs(step)
     here = jax.tree.map(lambda column: select(column[..., None]), answer)
     slope = jax.tree.map(select, slopes)
     linear = jax.tree.map(lambda part: part * step, slope)
@@ -504,7 +456,7 @@ def _check_limits(
     bent = np.abs(bend - mean) * distance**2 > (
         _UNEXPLAINED * explained + rounding * np.abs(here.value)
     )
-    failure = np.full(distances.shape, -1)
+    failure = np.full(steps.shape, -1)
     failure[pending] = np.select(
         [np.isnan(moved.value), other_events, other_time, unsteady & matters, bent],
         [_OVERTURNS, _IMPACT, _LIFTED, _CHANGE, _BENDS],

@@ -1,6 +1,5 @@
 """Distributions of uncertain parameters, and the numbers from which samples follow."""
 
-import inspect
 from collections.abc import Iterable
 from typing import Any
 
@@ -27,11 +26,7 @@ def draw_normal_numbers(dimensions: int, samples: int, seed: int) -> np.ndarray:
 
     if not dimensions:
         return np.empty((samples, 0))
-    # SciPy 1.15 renamed the argument, and will warn of the old name. An integer seed would
-    # draw other points in older versions.
-    name = "rng" if "rng" in inspect.signature(qmc.Sobol).parameters else "seed"
-    options: dict[str, Any] = {name: np.random.default_rng(seed)}
-    engine = qmc.Sobol(dimensions, scramble=True, bits=_BITS, **options)
+    engine = qmc.Sobol(dimensions, bits=_BITS, rng=np.random.default_rng(seed))
     points = engine.random_base2(samples.bit_length() - 1)
     # A point stands for its cell, and is moved to its middle: at 0 the normal number would be
     # infinite.
@@ -47,20 +42,17 @@ def find_shape(name: str, mean: Number, variation: Number) -> tuple[Any, Any]:
         If the mean is not between 0 and 1, or the coefficient is so large that the density has
         two peaks, at 0 and at 1.
     """
-    mean = np.asarray(mean)
-    invalid = mean[(mean <= 0) | (mean >= 1)]
-    if invalid.size:
-        raise ValueError(
-            f"{name} must be greater than 0 and less than 1 to be uncertain, got {invalid[0]:g}"
-        )
-    total = (1 - mean) / (mean * np.square(variation)) - 1
+    mean, variation = np.broadcast_arrays(mean, variation)
+    with np.errstate(divide="ignore"):
+        total = (1 - mean) / (mean * np.square(variation)) - 1
     first = mean * total
     second = (1 - mean) * total
-    invalid = np.broadcast_to(variation, mean.shape)[(first < 1) & (second < 1)]
-    if invalid.size:
+    invalid = (mean <= 0) | (mean >= 1) | ((first < 1) & (second < 1))
+    if invalid.any():
         raise ValueError(
-            f"coefficient of variation of {name} must not be as large as {invalid[0]:g}, with which"
-            " the density would have two peaks, at 0 and at 1"
+            f"coefficient of variation of {name} must not be {variation[invalid][0]:g} at a mean of"
+            f" {mean[invalid][0]:g}: the mean must be between 0 and 1, and the density must not"
+            " have two peaks"
         )
     return first, second
 
@@ -70,8 +62,8 @@ def compute_quantiles(
 ) -> np.ndarray:
     """Compute samples of a parameter from standard normal numbers; the shapes broadcast.
 
-    A parameter between 0 and 1 has a Beta distribution, and the value is its mean. Others are
-    lognormal where the value is positive, otherwise normal, and the value is their median.
+    A parameter between 0 and 1 has a Beta distribution, and the value is its mean. The
+    magnitude of any other is lognormal, and the value is the median.
     """
     value, variation, normal = np.broadcast_arrays(np.asarray(value), variation, normal)
     if is_between_0_and_1(name):
@@ -80,8 +72,7 @@ def compute_quantiles(
         shape = find_shape(name, value[is_uncertain], variation[is_uncertain])
         samples[is_uncertain] = betaincinv(*shape, ndtr(normal[is_uncertain]))
         return samples
-    lognormal = value * np.exp(np.log1p(variation**2) ** 0.5 * normal)
-    return np.where(value > 0, lognormal, value + variation * abs(value) * normal)
+    return value * np.exp(np.log1p(variation**2) ** 0.5 * normal)
 
 
 def map_normal_numbers(
@@ -89,16 +80,12 @@ def map_normal_numbers(
 ) -> np.ndarray:
     """Map standard normal numbers to parameters, both of shape (samples, names)."""
     columns = [*map(compute_quantiles, names, normal.T, values, variations)]
-    return np.stack(columns, axis=1) if columns else normal
+    return np.transpose(columns).reshape(normal.shape)
 
 
 def expand_quantile(name: str, value: float, variation: float) -> tuple[float, ...]:
     """Return a parameter where its standard normal number is 0, and two derivatives there."""
-    if not variation * value:
-        return (value, 0.0, 0.0)
-    if not is_between_0_and_1(name):
-        if value < 0:
-            return (value, -variation * value, 0.0)
+    if not (is_between_0_and_1(name) and variation * value):
         width = np.log1p(variation**2) ** 0.5
         return (value, value * width, value * width**2)
     a, b = find_shape(name, value, variation)
@@ -111,13 +98,12 @@ def expand_quantile(name: str, value: float, variation: float) -> tuple[float, .
 
 def compute_scores(
     name: str, samples: np.ndarray, value: float, variation: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compute derivatives of the log-density at samples, each of shape (samples,).
+) -> np.ndarray:
+    """Compute derivatives of the log-density at samples, shape (samples,).
 
-    The derivatives are with respect to the logarithm of the value, and to the coefficient of
-    variation. The derivative of a mean is the mean of the product of an answer and these
-    scores, however rough the answer is: only the density is differentiated (Rubinstein 1986;
-    Glynn 1990, doi:10.1145/84537.84552).
+    The derivatives are with respect to the logarithm of the value. The derivative of a mean is
+    the mean of the product of an answer and these scores, however rough the answer is: only
+    the density is differentiated (Rubinstein 1986; Glynn 1990, doi:10.1145/84537.84552).
     """
     if is_between_0_and_1(name):
         a, b = find_shape(name, value, variation)
@@ -127,13 +113,5 @@ def compute_scores(
         # The exponents are the fractions mean and 1 - mean of their sum, which is (1 - mean) /
         # (mean variation^2) - 1.
         score_sum = value * score_a + (1 - value) * score_b
-        score_mean = (a + b) * (score_a - score_b) - score_sum / (value * variation) ** 2
-        return value * score_mean, -2 * (1 - value) / (value * variation**3) * score_sum
-    if value > 0:
-        width = np.log1p(variation**2) ** 0.5
-        normal = np.log(samples / value) / width
-        width_score = (normal**2 - 1) / width
-        return normal / width, width_score * variation / (width * (1 + variation**2))
-    normal = (samples - value) / (variation * abs(value))
-    width_score = (normal**2 - 1) / variation
-    return variation * width_score - normal / variation, width_score
+        return value * (a + b) * (score_a - score_b) - score_sum / value / variation**2
+    return np.log(samples / value) / np.log1p(variation**2)

@@ -1,6 +1,5 @@
 """Moments of an answer whose parameters are uncertain."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from ..host import Printed, format_fields
 from .distributions import draw_normal_numbers, expand_quantile, map_normal_numbers
-from .parameters import Answer, evaluate_answer, name_single_parameters
+from .parameters import Answer, evaluate, name_parameters
 from .uncertain import ARGUMENT, Uncertain, list_single_coefficients
 
 # Largest errors of mean and standard deviation, over the standard deviation, of an estimate
@@ -92,73 +91,49 @@ def propagate(answer: Answer, at: Any, uncertain: Uncertain) -> MomentEstimate:
     """
     variations = list_single_coefficients(uncertain)
     names = uncertain.names
-    parameters = name_single_parameters(answer, at, names, ARGUMENT)
+    parameters = name_parameters(at, names, ARGUMENT)
     values = parameters.get_values(names)
     normal = draw_normal_numbers(len(names), uncertain.samples, uncertain.seed)
-    points = map_normal_numbers(names, uncertain.correlate(normal), values, variations)
-    (answers,) = evaluate_answer(answer, parameters, names, points)
+    factor = uncertain.factor
+    points = map_normal_numbers(names, normal @ factor.T, values, variations)
+    (answers,) = evaluate(answer, parameters, names, points)
     # The chain rule turns derivatives with respect to parameters into derivatives with respect
     # to normal numbers, first correlated and then independent.
     expansion = [*map(expand_quantile, names, values, variations)]
     middle, first, second = np.reshape(expansion, (-1, 3)).T
-    value, gradient, hessian = evaluate_answer(answer, parameters, names, middle, 2)
-    factor = uncertain.correlate(np.eye(len(names))).T
+    value, gradient, hessian = evaluate(answer, parameters, names, middle, 2)
     hessian = first[:, None] * hessian * first + np.diag(gradient * second)
-    series = (value, factor.T @ (gradient * first), factor.T @ hessian @ factor)
-    shown = () if uncertain.correlated_pairs else names
-    return _estimate_moments(shown, series, normal, answers)
-
-
-def _estimate_moments(
-    names: tuple[str, ...],
-    series: Sequence[np.ndarray],
-    z: np.ndarray,
-    answers: np.ndarray,
-) -> MomentEstimate:
-    """Compute the moments of a quadratic in normal numbers, and compare it with answers.
-
-    Fractions of the variance are attributed to the names, if there are any.
-    """
+    hessian = factor.T @ hessian @ factor
+    gradient = factor.T @ (gradient * first)
     # For y + g . z + z . H z / 2 of independent standard normal z the mean is y + tr(H) / 2,
     # the variance g . g + tr(H H) / 2.
-    value, gradient, hessian = series
     first_variance = float((gradient**2).sum())
     mean = float(value + 0.5 * np.trace(hessian))
     deviation = (first_variance + 0.5 * float((hessian**2).sum())) ** 0.5
-    # If one sample has no answer, the moments do not exist.
-    finite = np.isfinite(answers)
-    errors = (np.inf, np.inf)
-    if finite.all() and np.isfinite(mean + deviation):
-        quadratic = value + z @ gradient + 0.5 * np.einsum("ni,ij,nj->n", z, hessian, z)
-        errors = _estimate_errors(quadratic, answers - quadratic, mean, deviation)
-    fractions = gradient**2 / (first_variance or 1.0)
-    portions = dict(zip(names, fractions.tolist(), strict=True)) if names else {}
-    moments = (float(value), first_variance**0.5, mean, deviation)
-    left_out = float(1 - finite.mean())
-    return MomentEstimate(*moments, portions, max(errors) <= _ALLOWED, *errors, left_out)
-
-
-def _estimate_errors(
-    quadratic: np.ndarray, remainder: np.ndarray, mean: float, deviation: float
-) -> tuple[float, float]:
-    """Estimate the errors of both moments, over the deviation, by samples of the remainder.
-
-    Each error is the difference in the samples, plus two standard errors of this difference.
-    """
+    quadratic = value + normal @ gradient
+    quadratic += 0.5 * np.einsum("ni,ij,nj->n", normal, hessian, normal)
+    # Each error is the difference in the samples, plus two standard errors of this difference.
     # Standard errors hold for independent samples. Sobol points have less noise, so that the
     # error is overestimated rather than underestimated.
-    noise = 2 / len(remainder) ** 0.5
-    # Only the remainder is sampled (a control variate): the moments of the quadratic are
-    # exact, and the noise is as small as the remainder. The variance of the answer is that of
-    # the quadratic plus the mean of `added`.
-    added = (2 * (quadratic - mean) + remainder) * remainder - remainder.mean() ** 2
-    corrected = max(deviation**2 + float(added.mean()), 0.0) ** 0.5
-    mean_error = float(abs(remainder.mean()) + noise * remainder.std())
-    deviation_error = abs(corrected - deviation)
-    deviation_error += float(noise * added.std() / (corrected + deviation or 1.0))
-    if deviation > 0:
-        return mean_error / deviation, deviation_error / deviation
-    # Nothing is uncertain: only rounding is allowed, 64 units.
-    rounding = 64 * float(np.finfo(remainder.dtype).eps) * abs(mean)
-    error = 0.0 if max(mean_error, deviation_error) <= rounding else np.inf
-    return error, error
+    noise = 2 / len(answers) ** 0.5
+    with np.errstate(invalid="ignore"):
+        # Only the remainder is sampled (a control variate): the moments of the quadratic are
+        # exact, and the noise is as small as the remainder. The variance of the answer is that
+        # of the quadratic plus the mean of `added`.
+        remainder = answers - quadratic
+        added = (2 * (quadratic - mean) + remainder) * remainder - remainder.mean() ** 2
+        corrected = np.maximum(deviation**2 + added.mean(), 0.0) ** 0.5
+        mean_error = abs(remainder.mean()) + noise * remainder.std()
+        deviation_error = abs(corrected - deviation)
+        deviation_error += noise * added.std() / (corrected + deviation or 1.0)
+    # Where nothing is uncertain, the errors are absolute. If one sample has no answer, the
+    # moments do not exist.
+    errors = np.array([mean_error, deviation_error]) / (deviation or 1.0)
+    errors = np.nan_to_num(errors, nan=np.inf, posinf=np.inf).tolist()
+    fractions = gradient**2 / (first_variance or 1.0)
+    portions = dict(zip(names, fractions.tolist(), strict=True))
+    portions = {} if uncertain.correlations else portions
+    moments = (float(value), first_variance**0.5, mean, deviation)
+    left_out = float(1 - np.isfinite(answers).mean())
+    is_within = max(errors) <= _ALLOWED
+    return MomentEstimate(*moments, portions, is_within, errors[0], errors[1], left_out)

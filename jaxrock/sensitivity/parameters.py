@@ -1,9 +1,10 @@
 """Parameters of an answer by name: paths of a pytree, and sizes of the blocks in it."""
 
 import difflib
+import itertools
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NoReturn
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,16 +13,8 @@ import numpy as np
 from jax.tree_util import keystr
 from jaxtyping import Array, PyTree
 
-from ..block import (
-    SHAPE,
-    SIZE_NAMES,
-    SIZES_IN_WORDS,
-    Block,
-    SizeDescription,
-    block_of,
-    size_of,
-)
-from ..validation import AnyArray, Number, as_real, check_concrete, check_kind
+from ..block import SIZE_NAMES, SIZES_IN_WORDS, Block, SizeDescription, block_of, size_of
+from ..validation import AnyArray, Number, check_concrete
 
 Answer = Callable[..., Number]  # a function of a pytree of numbers
 
@@ -31,31 +24,31 @@ class Parameters(eqx.Module):
 
     Attributes
     ----------
-    names : tuple of str
-        The last step of a path where that is unique, else the whole path.
-    values : list of ndarray
+    values : OrderedDict of ndarray
+        By the last step of a path where that is unique, else by the whole path.
     form, described : PyTreeDef
         The pytree, and the same with a dictionary of its sizes in place of each block.
     """
 
-    names: tuple[str, ...] = eqx.field(static=True)
-    values: list[AnyArray | np.floating]
+    values: OrderedDict[str, AnyArray | np.floating]
     form: Any = eqx.field(static=True)
     described: Any = eqx.field(static=True)
 
     def build(self, changes: Mapping[str, AnyArray]) -> Any:
         """Build the pytree with other values of some parameters; a `ValueError` out of range."""
-        values = [changes.get(*pair) for pair in zip(self.names, self.values, strict=True)]
         return jax.tree.map(
             lambda node, part: block_of(part, node.one_sided) if _is_block(node) else part,
-            jax.tree.unflatten(self.form, self.values),
-            jax.tree.unflatten(self.described, values),
+            jax.tree.unflatten(self.form, self.values.values()),
+            jax.tree.unflatten(self.described, {**self.values, **changes}.values()),
             is_leaf=_is_block,
         )
 
     def get_values(self, names: Iterable[str]) -> np.ndarray:
-        """Return the values of some parameters, shape (names,)."""
-        return np.array([self.values[self.names.index(name)] for name in names], float)
+        """Return the values of some parameters, shape (names,); `ValueError` if one is an array."""
+        arrays = [name for name, value in self.values.items() if np.ndim(value)]
+        if arrays:
+            raise ValueError(f"{' and '.join(arrays)} must be single numbers, got arrays")
+        return np.array([self.values[name] for name in names], float)
 
 
 def name_parameters(
@@ -78,89 +71,38 @@ def name_parameters(
     ValueError
         If a name is unknown, or sizes belong to several descriptions.
     """
-    check_concrete(at, "the parameters are plain numbers")
+    check_concrete(at, "jax.value_and_grad works under jit")
     at = jax.tree.map(lambda leaf: np.asarray(leaf, float), at)
-    plain = _name_leaves(_describe_blocks(at, "shape"))
-    if names is not None:
-        paths = [name.rpartition(".") for name in names]
-        # A number of the pytree itself may be called width, too.
-        sizes = [path[2] for path in paths if "".join(path) not in plain or path[2] in SHAPE]
-        by = choose_description(sizes, argument)
-    described = _describe_blocks(at, by)
-    known = _name_leaves(described)
-    values, form = jax.tree.flatten(described)
+    sizes = {name.rpartition(".")[2] for name in names or ()}
+    for description, pair in SIZE_NAMES.items():
+        by = description if sizes & {*pair} else by
+    described = jax.tree.map(
+        lambda node: OrderedDict(size_of(node, by)) if _is_block(node) else node,
+        at,
+        is_leaf=_is_block,
+    )
+    leaves, form = jax.tree.flatten_with_path(described)
+    short = [keystr(path[-1:], simple=True) or "value" for path, _ in leaves]
+    values = OrderedDict(
+        (name if short.count(name) == 1 else keystr(path, simple=True, separator="."), leaf)
+        for name, (path, leaf) in zip(short, leaves, strict=True)
+    )
     for name in names or ():
-        if name not in known:
-            sizes = [size for pair in SIZE_NAMES.values() for size in pair]
-            refuse_name(name, (*plain, *sizes), argument)
-    return Parameters(known, values, jax.tree.structure(at), form)
+        if name not in values:
+            others = {*values, *itertools.chain(*SIZE_NAMES.values())} - {name}
+            similar = difflib.get_close_matches(name, others, 1)
+            hint = f"; did you mean {similar[0]!r}?" if similar else ""
+            raise ValueError(
+                f"{argument} has {name!r}, which is none of {', '.join(values)}{hint}"
+            )
+    return Parameters(values, jax.tree.structure(at), form)
 
 
 def _is_block(node: object) -> bool:
     return isinstance(node, Block)
 
 
-def _describe_blocks(at: PyTree, by: SizeDescription) -> PyTree:
-    """Replace each block by a dictionary of its parameters, in the order of `size_of`."""
-    return jax.tree.map(
-        lambda node: OrderedDict(size_of(node, by)) if _is_block(node) else node,
-        at,
-        is_leaf=_is_block,
-    )
-
-
-def _name_leaves(tree: PyTree) -> tuple[str, ...]:
-    """Name the leaves, by their last step where it is unique: "restitution", not its path."""
-    paths = [path for path, _ in jax.tree.leaves_with_path(tree)]
-    short = [keystr(path[-1:], simple=True) or "value" for path in paths]
-    return tuple(
-        name if short.count(name) == 1 else keystr(path, simple=True, separator=".")
-        for name, path in zip(short, paths, strict=True)
-    )
-
-
-def refuse_name(name: object, allowed: Iterable[str], argument: str) -> NoReturn:
-    """Raise `ValueError` for a name that is not allowed; it suggests one that is similar."""
-    allowed = list(dict.fromkeys(allowed))
-    similar = difflib.get_close_matches(str(name), allowed, 1)
-    hint = f"; did you mean {similar[0]!r}?" if similar else ""
-    raise ValueError(f"{argument} has {name!r}, which is none of {', '.join(allowed)}{hint}")
-
-
-def choose_description(names: Iterable[str], argument: str) -> SizeDescription:
-    """Choose the description of a block that the names belong to, its shape if none does.
-
-    Raises
-    ------
-    ValueError
-        If the names belong to several descriptions.
-    """
-    names = list(names)
-    named: dict[SizeDescription, str]
-    named = {by: name for by, sizes in SIZE_NAMES.items() for name in names if name in sizes}
-    if len(named) > 1:
-        pairs = ", or ".join(" and ".join(sizes) for sizes in SIZE_NAMES.values())
-        raise ValueError(
-            f"{argument} must describe the size by {pairs}, got {' and '.join(named.values())}"
-        )
-    return next(iter(named)) if named else "shape"
-
-
-def name_single_parameters(
-    answer: Answer, at: PyTree, names: Iterable[str] | None, argument: str, **by: Any
-) -> Parameters:
-    """Name the parameters of an answer, all of which are single numbers."""
-    check_kind("answer", answer, Callable)
-    check_concrete(at, "jax.value_and_grad works under jit")
-    for path, leaf in jax.tree.leaves_with_path(at):
-        if jnp.ndim(as_real(keystr(path, simple=True, separator="."), leaf)):
-            raise ValueError(
-                f"at must consist of single numbers, got an array in {keystr(path)}"
-            )
-    return name_parameters(at, names, argument, **by)
-
-
-def evaluate_answer(
+def evaluate(
     answer: Answer,
     parameters: Parameters,
     names: Sequence[str],
@@ -214,5 +156,4 @@ def _evaluate(
 
 def describe_parameter(name: str) -> str:
     """Write a parameter in words, a size with the size that stays fixed."""
-    phrases = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
-    return phrases.get(name, name.replace("_", " "))
+    return SIZES_IN_WORDS.get(name, name.replace("_", " "))

@@ -1,34 +1,25 @@
 """Uncertain parameters of blocks and their impacts, and samples of them."""
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import numpy as np
 
 from ..block import Block
-from ..host import Printed
+from ..host import Printed, format_number
 from ..impact import read_restitution
-from ..validation import (
-    NON_NEGATIVE,
-    Number,
-    Numbers,
-    as_real,
-    check,
-    check_kind,
-    describe,
-)
+from ..validation import NON_NEGATIVE, Domain, Number, Numbers, as_real, check, check_kind
 from .distributions import compute_quantiles, draw_normal_numbers
-from .parameters import name_parameters, refuse_name
+from .parameters import name_parameters
 
 # Two names, in the order of the coefficients of variation.
 Pair = tuple[str, str]
 
+_CORRELATION = Domain("between -1 and 1", lambda x: abs(x) <= 1, 0.0)
 # Eigenvalues of a singular matrix and pivots of its factor are 0 to rounding.
 _ROUNDING_OF_EIGENVALUES = 1e-12
 _ROUNDING_OF_PIVOTS = 1e-14
-
 ARGUMENT = "coefficients_of_variation"  # argument of `Uncertain`, for messages
 # Factors on the periods and dampings of all modes of a floor.
 FLOOR_NAMES = ("floor_period", "floor_damping")
@@ -65,7 +56,7 @@ class Uncertain(Printed, eqx.Module):
 
     Each parameter has a value without uncertainty, and a coefficient of variation. A
     ``restitution`` or ``damping_ratio`` has a Beta distribution, of which the value is the
-    mean. Positive parameters are lognormal, all others normal, and the value is their median.
+    mean. All others are lognormal, negative ones by their magnitude, and the value is the median.
     They are independent except for the given correlations.
 
     Parameters
@@ -90,17 +81,15 @@ class Uncertain(Printed, eqx.Module):
 
     Attributes
     ----------
-    names, coefficients : tuple
-        The names, and the coefficients in the same order: each a number, or a tuple of them.
-    correlated_pairs : tuple
-        Pairs of names that are correlated, each with its correlation coefficient.
+    names, coefficients, matrix : tuple
+        The names; the coefficients in the same order, each a number, or a tuple of them; and
+        the rows of the matrix of correlations.
 
     Raises
     ------
     ValueError
-        If a name is not a string; if a coefficient is out of range or has more than one axis;
-        if `correlations` are not of two different names each, or form no positive
-        semi-definite matrix; if `samples` or `seed` are not as above.
+        If a coefficient is out of range; if `correlations` are not of two different names
+        each, or form no positive semi-definite matrix; if `samples` is not as above.
 
     Notes
     -----
@@ -124,7 +113,7 @@ class Uncertain(Printed, eqx.Module):
     # Tuples of plain numbers: an `Uncertain` is immutable, and equals another of the same
     # values.
     coefficients: tuple[float | tuple[float, ...], ...] = eqx.field(static=True)
-    correlated_pairs: tuple[tuple[Pair, float], ...] = eqx.field(static=True)
+    matrix: tuple[tuple[float, ...], ...] = eqx.field(static=True)
     samples: int = eqx.field(static=True)
     seed: int = eqx.field(static=True)
 
@@ -137,61 +126,55 @@ class Uncertain(Printed, eqx.Module):
         seed: int = 0,
     ):
         check_kind(ARGUMENT, coefficients_of_variation, Mapping)
-        checked = dict(
-            _check_coefficient(name, value)
-            for name, value in coefficients_of_variation.items()
-        )
+        coefficients = []
+        for name, value in coefficients_of_variation.items():
+            subject = f"{ARGUMENT} of {name}"
+            check(subject, as_real(subject, value), NON_NEGATIVE)
+            # Values stay in float64 even if JAX computes in float32.
+            numbers = np.asarray(value, float).tolist()
+            coefficients.append(tuple(numbers) if isinstance(numbers, list) else numbers)
         # Only powers of 2 points are balanced, with errors of order 1 / n.
         if type(samples) is not int or samples < 1 or samples & (samples - 1):
             raise ValueError(f"samples must be a power of 2, got {samples!r:.60}")
-        if type(seed) is not int or seed < 0:
-            raise ValueError(f"seed must be a whole number from 0 on, got {seed!r:.60}")
-        self.names = tuple(checked)
-        self.coefficients = tuple(checked.values())
-        self.correlated_pairs = _check_correlations(correlations or {}, self.names)
+        self.names = tuple(coefficients_of_variation)
+        self.coefficients = tuple(coefficients)
+        self.matrix = _arrange_correlations(correlations or {}, self.names)
         self.samples = samples
         self.seed = seed
 
     def __str__(self) -> str:
-        coefficients = [
-            f"{name} "
-            + " to ".join(f"{end:g}" for end in sorted({np.min(value), np.max(value)}))
-            for name, value in zip(self.names, self.coefficients, strict=True)
+        numbers = self.coefficients_of_variation.items()
+        coefficients = [f"{name} {format_number(value)}" for name, value in numbers]
+        pairs = [
+            f"{' and '.join(pair)} {value:g}" for pair, value in self.correlations.items()
         ]
-        pairs = [f"{' and '.join(pair)} {value:g}" for pair, value in self.correlated_pairs]
         text = f"coefficients of variation: {', '.join(coefficients) or 'none'}; "
         text += f"correlations: {', '.join(pairs)}; " if pairs else ""
         return f"{text}{self.samples} samples, seed {self.seed}"
 
     @property
-    def coefficients_of_variation(self) -> dict[str, float | np.ndarray]:
-        """The coefficients by name, as numbers or arrays of shape (objects,) [-]."""
-        return {
-            name: np.array(value) if isinstance(value, tuple) else value
-            for name, value in zip(self.names, self.coefficients, strict=True)
-        }
+    def coefficients_of_variation(self) -> dict[str, np.ndarray]:
+        """The coefficients by name, of shape () or (objects,) [-]."""
+        return dict(zip(self.names, map(np.array, self.coefficients), strict=True))
 
     @property
     def correlations(self) -> dict[Pair, float]:
         """The correlation coefficients that are not 0, by pairs of names [-]."""
-        return dict(self.correlated_pairs)
+        pairs = zip(*np.triu_indices(len(self.names), 1), strict=True)
+        named = {(self.names[k], self.names[j]): self.matrix[k][j] for k, j in pairs}
+        return {pair: value for pair, value in named.items() if value}
 
-    def correlate(self, normal: np.ndarray) -> np.ndarray:
-        """Correlate independent standard normal variables, as those of `Draws` are.
-
-        Parameters
-        ----------
-        normal : ndarray, shape (samples, names)
-            Independent standard normal variables, a column for each name.
-
-        Returns
-        -------
-        ndarray, shape (samples, names)
-            The same numbers where nothing is correlated.
-        """
-        if not self.correlated_pairs:
-            return normal
-        return normal @ _factor_correlations(self.correlated_pairs, self.names).T
+    @property
+    def factor(self) -> np.ndarray:
+        """Cholesky factor of the correlations, which may be singular; shape (names, names)."""
+        matrix = np.array(self.matrix).reshape(len(self.names), -1)
+        factor = np.zeros_like(matrix)
+        for k in range(len(matrix)):
+            remainder = matrix[k:, k] - factor[k:, :k] @ factor[k, :k]
+            # A variable that the ones before it determine has no independent part.
+            if remainder[0] > _ROUNDING_OF_PIVOTS:
+                factor[k:, k] = remainder / remainder[0] ** 0.5
+        return factor
 
     def draw(self, block: Block, restitution: Number, *, on_floor: bool = False) -> Draws:
         """Draw samples of a block, or of each of many, by scrambled Sobol points.
@@ -201,7 +184,7 @@ class Uncertain(Printed, eqx.Module):
 
         Parameters
         ----------
-        block, restitution : Block, array_like, shape () or (objects,)
+        block, restitution : Block, array_like, shape (...)
             Without uncertainty.
         on_floor : bool
             Whether there is a floor, whose period and damping may be uncertain.
@@ -215,10 +198,10 @@ class Uncertain(Printed, eqx.Module):
         ------
         ValueError
             If a name is no parameter, or names a floor although there is none; if
-            descriptions of a size are mixed; if blocks have more than one axis, or
-            coefficients are not one for each object; if an inertia ratio falls below 1, or a
-            critical angle reaches pi / 2; if the coefficient of variation of a restitution is
-            above 0 at a mean of 1, or so large that the density has two peaks.
+            descriptions of a size are mixed; if coefficients are not one for each object; if
+            an inertia ratio falls below 1, or a critical angle reaches pi / 2; if the
+            coefficient of variation of a restitution is above 0 at a mean of 1, or so large
+            that the density has two peaks.
 
         Examples
         --------
@@ -238,18 +221,13 @@ class Uncertain(Printed, eqx.Module):
         arguments = {"block": block, "restitution": read_restitution(block, restitution)}
         arguments |= dict.fromkeys(FLOOR_NAMES if floor_names else (), 1.0)
         parameters = name_parameters(arguments, self.names, ARGUMENT)
-        shape = np.broadcast_shapes(*(np.shape(value) for value in parameters.values))
-        if len(shape) > 1 or shape == (0,):
-            raise ValueError(
-                "block and restitution must be single or have one axis, of at least one"
-                f" object, got shape {shape}"
-            )
+        shape = np.broadcast_shapes(*map(np.shape, parameters.values.values()))
         independent = draw_normal_numbers(len(self.names), self.samples, self.seed)
-        normal = self.correlate(independent)
+        normal = independent @ self.factor.T
         full = (*shape, self.samples)
         samples = {
             name: np.broadcast_to(np.expand_dims(value, -1), full)
-            for name, value in zip(parameters.names, parameters.values, strict=True)
+            for name, value in parameters.values.items()
         }
         for k, (name, variation) in enumerate(self.coefficients_of_variation.items()):
             if np.shape(variation) not in ((), shape):
@@ -261,7 +239,6 @@ class Uncertain(Printed, eqx.Module):
                 name, normal[:, k], samples[name], np.expand_dims(variation, -1)
             )
         drawn = parameters.build(samples)
-        drawn = jax.tree.map(lambda leaf: np.broadcast_to(leaf, full), drawn)
         floor = FloorFactors(*(drawn[name] for name in FLOOR_NAMES)) if floor_names else None
         return Draws(drawn["block"], drawn["restitution"], normal, floor)
 
@@ -269,116 +246,37 @@ class Uncertain(Printed, eqx.Module):
 def list_single_coefficients(uncertain: Uncertain) -> np.ndarray:
     """List the coefficients of variation; a `ValueError` if one is an array."""
     check_kind("uncertain", uncertain, Uncertain)
-    for name, value in uncertain.coefficients_of_variation.items():
-        if np.ndim(value):
-            raise ValueError(
-                f"{ARGUMENT} of {name} must be one number here, got {np.size(value)} of them"
-            )
+    if any(map(np.ndim, uncertain.coefficients)):
+        raise ValueError(f"{ARGUMENT} must be one number for each name here, got {uncertain}")
     return np.array(uncertain.coefficients)
 
 
-def _check_coefficient(name: object, value: Any) -> tuple[str, float | tuple[float, ...]]:
-    """Return a name and its coefficients as plain numbers; `ValueError` if not allowed."""
-    if not isinstance(name, str):
-        raise ValueError(f"{ARGUMENT} must have names as keys, got {describe(name)}")
-    subject = f"{ARGUMENT} of {name}"
-    check(subject, as_real(subject, value), NON_NEGATIVE)
-    # Values stay in float64 even if JAX computes in float32.
-    values = np.asarray(value, float)
-    if values.ndim > 1 or not values.size:
-        raise ValueError(
-            f"{subject} must be one number, or one for each object, got an array of shape"
-            f" {values.shape}"
-        )
-    return str(name), tuple(values.tolist()) if values.ndim else values.item()
-
-
-def _check_correlations(
-    correlations: Mapping[Pair, Number], names: Sequence[str]
-) -> tuple[tuple[Pair, float], ...]:
-    """Check correlations, and list them in the order of the names.
-
-    A correlation of 0 is left out: all pairs that are not listed are uncorrelated.
+def _arrange_correlations(
+    correlations: Mapping[Pair, Number], names: tuple[str, ...]
+) -> tuple[tuple[float, ...], ...]:
+    """Arrange correlations as the rows of a symmetric matrix.
 
     Raises
     ------
     ValueError
-        If a pair does not consist of two different names, or is given in both orders; if a
-        correlation is not a number between -1 and 1; if the matrix is not positive
-        semi-definite.
+        If a pair does not consist of two different names; if a correlation is not a number
+        between -1 and 1; if the matrix is not positive semi-definite.
     """
-    check_kind("correlations", correlations, Mapping)
-    coefficients = dict[Pair, float]()
-    for key, value in correlations.items():
-        if not isinstance(key, tuple) or len(set(key)) != 2:
+    matrix = np.eye(len(names))
+    for pair, value in correlations.items():
+        if len(pair) != 2 or len({*pair} & {*names}) != 2:
             raise ValueError(
-                f"correlations must have pairs of different names as keys, got {describe(key)}"
+                f"correlations must have pairs of different names among {', '.join(names)} as"
+                f" keys, got {pair!r:.60}"
             )
-        for name in key:
-            if name not in names:
-                refuse_name(name, names, "correlations")
-        first, second = sorted(map(str, key), key=names.index)
-        subject = f"correlations of {first} and {second}"
-        coefficient = as_real(subject, value)
-        if coefficient.ndim or not -1 <= coefficient <= 1:
-            raise ValueError(
-                f"{subject} must be a number between -1 and 1, got {describe(value)}"
-            )
-        if (first, second) in coefficients:
-            raise ValueError(
-                f"correlations must have each pair once, got {first} and {second}"
-            )
-        coefficients[first, second] = np.asarray(value, float).item()
-    listed = sorted(
-        ((pair, value) for pair, value in coefficients.items() if value),
-        key=lambda entry: [names.index(name) for name in entry[0]],
-    )
-    matrix = _make_matrix(listed, names)
-    smallest = np.linalg.eigvalsh(matrix).min() if listed else 1.0
+        subject = f"correlations of {' and '.join(pair)}"
+        check(subject, as_real(subject, value), _CORRELATION)
+        row, column = map(names.index, pair)
+        matrix[row, column] = matrix[column, row] = np.asarray(value, float)
+    smallest = np.linalg.eigvalsh(matrix).min(initial=1.0)
     if smallest < -_ROUNDING_OF_EIGENVALUES:
         raise ValueError(
             "correlations must form a positive semi-definite matrix, got one with the"
             f" eigenvalue {smallest:.3g}: no variables have such correlations"
         )
-    return tuple(listed)
-
-
-def _factor_correlations(
-    correlations: Collection[tuple[Pair, float]], names: Sequence[str]
-) -> np.ndarray:
-    """Factor the matrix of correlations, which may be singular, by Cholesky's method.
-
-    Parameters
-    ----------
-    correlations : tuple
-        As `_check_correlations` lists them.
-    names : sequence of str
-
-    Returns
-    -------
-    ndarray, shape (names, names)
-        Lower triangular. Its product with independent standard normal numbers gives standard
-        normal numbers with these correlations. The row of a name that is not correlated with
-        any name before it has a 1 on the diagonal, and is 0 otherwise.
-    """
-    matrix = _make_matrix(correlations, names)
-    factor = np.zeros_like(matrix)
-    for k in range(len(names)):
-        remainder = matrix[k:, k] - factor[k:, :k] @ factor[k, :k]
-        # A variable that the ones before it determine has no independent part.
-        if remainder[0] > _ROUNDING_OF_PIVOTS:
-            factor[k:, k] = remainder / remainder[0] ** 0.5
-    return factor
-
-
-def _make_matrix(
-    correlations: Collection[tuple[Pair, float]], names: Sequence[str]
-) -> np.ndarray:
-    """Make the symmetric matrix of correlations, shape (names, names)."""
-    matrix = np.eye(len(names))
-    for (first, second), coefficient in correlations:
-        row = names.index(first)
-        column = names.index(second)
-        matrix[row, column] = coefficient
-        matrix[column, row] = coefficient
-    return matrix
+    return tuple(map(tuple, matrix.tolist()))

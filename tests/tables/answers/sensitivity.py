@@ -97,9 +97,8 @@ def vary_driven_parameters():
 @group("sensitivity/outcome_probabilities", 1e-9)
 def count_outcomes():
     names = (
-        "outcomes probability low high by_record names median coefficient_of_variation answers"
-        " sources first total first_error total_error by_median by_median_error"
-        " by_coefficient_of_variation by_coefficient_of_variation_error"
+        "outcomes probability low high by_record answers sources first total first_error"
+        " total_error by_median by_median_error"
     )
     coefficients = {"width": 0.1, "restitution": 0.05, "factor": 0.4}
     uncertain = jr.Uncertain(coefficients, samples=64)
