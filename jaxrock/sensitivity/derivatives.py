@@ -13,7 +13,6 @@ import numpy as np
 from ..block import Block
 from ..driven import (
     Batch,
-    BatchArguments,
     EstimatedResponse,
     SimulatedAnswer,
     check_batch,
@@ -345,23 +344,21 @@ def _find_directions(
     values: Sequence[Any],
     motion: Motion | Suite,
     duration: Number | None,
-) -> list[BatchArguments]:
+) -> list[Batch]:
     """Find how the numbers of a batch move with each parameter."""
 
-    def list_arguments(values: Sequence[Reals]) -> BatchArguments:
+    def list_arguments(values: Sequence[Reals]) -> Batch:
         changes = dict(zip(names, values, strict=True))
         return _make_batch(parameters, changes, motion, duration).arguments
 
-    def move_one(k: int) -> BatchArguments:
+    def move_one(k: int) -> Batch:
         along = [jnp.full_like(value, float(j == k)) for j, value in enumerate(values)]
         return jax.jvp(list_arguments, (list(values),), (along,))[1]
 
     return [move_one(k) for k in range(len(names))]
 
 
-def _drop_zeros(
-    directions: Sequence[BatchArguments], dtype: np.dtype
-) -> tuple[BatchArguments, ...]:
+def _drop_zeros(directions: Sequence[Batch], dtype: np.dtype) -> tuple[Batch, ...]:
     """Replace by None what moves with no parameter: of that nothing has to be computed."""
     moves = jax.tree.map(lambda *leaves: any(np.any(leaf) for leaf in leaves), *directions)
     return tuple(
