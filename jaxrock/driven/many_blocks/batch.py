@@ -108,10 +108,6 @@ class Batch(eqx.Module):
             ground = motion.map_numbers(convert)
         else:
             axes = max(axes, *(np.ndim(leaf) for leaf in jax.tree.leaves(numbers)))
-            if isinstance(motion, Suite):
-                axes = max(axes, np.ndim(motion.records[0].scale))
-            if isinstance(motion, RecordVariants):
-                axes = max(axes, np.ndim(motion.which))
             ground = convert_motion(convert(motion), axes)
             if namespace is jnp:
                 # Only `advance` may lead to a start before time 0; NaN is not valid.

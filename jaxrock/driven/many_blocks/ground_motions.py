@@ -74,7 +74,7 @@ class GroundMotions(eqx.Module):
 def convert_motion(motion: Motion | Suite | RecordVariants, axes: int = 0) -> GroundMotions:
     """Convert a motion or a suite, whose arrays are of one type, to what the batch takes.
 
-    The records of a suite make the leading axis of the numbers, followed by `axes` others.
+    The records of a suite make the leading axis of the numbers, followed by at least `axes`.
     """
     if isinstance(motion, Pulse | Harmonic):
         dtype = motion.amplitude.dtype
@@ -91,6 +91,8 @@ def convert_motion(motion: Motion | Suite | RecordVariants, axes: int = 0) -> Gr
         return GroundMotions(ground, motion.amplitude, length, motion.start, end, only)
     assert isinstance(motion, Record | Suite | RecordVariants)
     records = [motion] if isinstance(motion, Record) else motion.records
+    which = getattr(motion, "which", 0)
+    axes = max(axes, np.ndim(records[0].scale), np.ndim(which))
 
     def make_column(values: Sequence[HostNumbers] | np.ndarray) -> HostNumbers:
         if isinstance(motion, Record):
@@ -101,7 +103,7 @@ def convert_motion(motion: Motion | Suite | RecordVariants, axes: int = 0) -> Gr
 
     indices = make_column(np.arange(len(records), dtype=records[0].acceleration.dtype))
     if isinstance(motion, RecordVariants):
-        indices = indices * records[0].acceleration.shape[0] + motion.which
+        indices = indices * records[0].acceleration.shape[0] + which
     elif isinstance(motion, Record):
         components = jax.tree.leaves((motion.acceleration, motion.vertical))
         *shape, _ = np.broadcast_shapes(*(samples.shape for samples in components))
