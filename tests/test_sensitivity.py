@@ -94,7 +94,9 @@ def test_no_derivatives_beyond_the_threshold():
 
 def test_a_tornado_says_where_it_overturns():
     bars = jr.tornado(jr.rotation_ratio, WALL, {"restitution": (0.6, 0.99)})
-    assert str(bars).endswith(" overturns")
+    assert str(bars).endswith(" overturns   0 to 0.8557")
+    threshold = float(jr.critical_restitution(WALL.block, 0.15))
+    assert bars.above[0] == pytest.approx(threshold, rel=1e-15)
     assert "overturns" in str(jr.sensitivities(jr.rotation_ratio, beyond_the_threshold()))
 
 

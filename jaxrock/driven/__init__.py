@@ -5,19 +5,17 @@ thousands of motions in parallel with Taylor series. Both use `equation` and
 `overturning_criterion`.
 """
 
-from .completeness import Labels as Labels
 from .completeness import require_complete as require_complete
 from .equation import Equation as Equation
 from .equation import uplift_acceleration as uplift_acceleration
 from .many_blocks import TOLERANCES as TOLERANCES
 from .many_blocks import Batch as Batch
-from .many_blocks import BatchArguments as BatchArguments
 from .many_blocks import BatchResponse, EstimatedResponse, respond_batch, respond_within
 from .many_blocks import GroundMotions as GroundMotions
 from .many_blocks import RecordVariants as RecordVariants
 from .many_blocks import SimulatedAnswer as SimulatedAnswer
+from .many_blocks import call_as_one_function as call_as_one_function
 from .many_blocks import check_batch as check_batch
-from .many_blocks import convert_motion as convert_motion
 from .many_blocks import differentiate_within as differentiate_within
 from .many_blocks import find_slope_scale as find_slope_scale
 from .many_blocks import follow_batch as follow_batch

@@ -33,27 +33,20 @@ def require_complete(complete: AnyArray | np.bool_, **labels: Labels) -> None:
     >>> complete = np.array([[True, True], [True, False]])
     >>> require_complete(complete, record=["cape mendocino", "napa north"], level=[0.4, 0.8])
     Traceback (most recent call last):
-    ValueError: integration did not finish for record 'napa north' at level 0.8
+    ValueError: integration did not finish for record 'napa north', level 0.8
     """
     failed = ~np.asarray(complete)
     if not failed.any():
         return
     first = iter(np.argwhere(failed)[0])
-    text = ""
+    subjects = []
     for noun, along in labels.items():
-        if isinstance(along, str):
-            label = along
-        else:
+        label = along
+        if not isinstance(along, str):
             index = int(next(first))
-            label = index + 1 if along is None else _format_label(along[index])
-        # Values come after names: record 'napa north' at level 0.8.
-        joint = " for" if not text else " at" if text.endswith("'") else ","
-        text += f"{joint} {noun.replace('_', ' ')} {label}"
+            label = index + 1 if along is None else along[index]
+            label = f"'{label}'" if isinstance(label, str) else f"{float(label):.6g}"
+        subjects.append(f"{noun.replace('_', ' ')} {label}")
     remaining = int(failed.sum()) - 1
     more = f" (and {remaining:,} other{'s' if remaining > 1 else ''})" if remaining else ""
-    raise ValueError(f"integration did not finish{text}{more}")
-
-
-def _format_label(label: str | float) -> str:
-    """Format a name in quotation marks, or a value."""
-    return f"'{label}'" if isinstance(label, str) else f"{float(label):.6g}"
+    raise ValueError(f"integration did not finish for {', '.join(subjects)}{more}")

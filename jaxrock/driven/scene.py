@@ -41,13 +41,11 @@ def check_initial_state(block: Block, rotation: Number, velocity: Number) -> Non
     """Raise `ValueError` if a concrete state of a one-sided block is not before its wall."""
     if not block.one_sided or is_traced((rotation, velocity)):
         return
-    states = np.broadcast_arrays(np.atleast_1d(rotation), np.atleast_1d(velocity))
-    behind = ~is_before_wall(*states)
-    if behind.any():
-        first = [f"{float(part[behind].flat[0]):.6g}" for part in states]
+    state = np.asarray(rotation), np.asarray(velocity)
+    if not np.all(is_before_wall(*state)):
         raise ValueError(
             "rotation of a one-sided block must be greater than 0, or 0 with a velocity of at"
-            f" least 0, got {first[0]} rad and {first[1]} rad/s"
+            f" least 0, got {state[0]} rad and {state[1]} rad/s"
         )
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from ..block import Block
 from ..driven import (
     Batch,
-    BatchArguments,
     EstimatedResponse,
     SimulatedAnswer,
     differentiate_within,
@@ -21,7 +20,7 @@ from ..driven import (
     simulate_batch,
 )
 from ..ground_motion import Motion, Record, Suite
-from ..host import Printed, format_number
+from ..host import Printed
 from ..resonance import ModelLike, Nonlinear, RockingModel, Scene, as_model
 from ..validation import POSITIVE, Number, Reals, as_name, as_real, check
 from .closed_forms import differentiate_at
@@ -30,6 +29,7 @@ from .parameters import Parameters, name_parameters
 
 # The answers as `Batch` numbers them.
 _CODES = {"peak_rotation": 0, "rotation_ratio": 1, "margin": 2}
+_SYMBOLS = {"restitution": "C", "half_width": "b", "slenderness": "lambda", "intensity": "I"}
 _BY = "restitution", "half_width", "slenderness"
 # Ranges are examined up to this fraction of a parameter. An end is put at this fraction of the
 # distance to a coincidence, which is known to first order; where a simulation there shows that it
@@ -109,20 +109,22 @@ class Derivatives(Printed, eqx.Module):
         """
         columns = self.at, self.derivative, self.error, self.below, self.above
         x, slope, error, low, high = (float(column[name]) for column in columns)
-        words = name.replace("_", " ")
-        head = f"d({self.of.replace('_', ' ')})/d({words})"
+        symbol = _SYMBOLS.get(name, name)
+        head = f"d({self.of.replace('_', ' ')})/d{symbol}"
         if math.isnan(slope):
             return f"{head} does not exist: the block overturns"
         if math.isinf(error):
             return f"{head} is not known: less accurate simulations go another way"
-        text = f"{head} = {_write(slope, error)} +- {error:.1g}, for {words} from "
+        text = f"{head} = {_write(slope, error)} +- {error:.1g}, for {symbol} from "
         text += " to ".join(_write(limit, 0.1 * abs(x - limit)) for limit in (low, high))
         for side, limit, column in (
             ("below", low, self.below_reason),
             ("above", high, self.above_reason),
         ):
             reason = int(column[name])
-            if limit == x:
+            if limit == x and reason == _LIMIT:
+                text += "; one-sided, for a " + ("larger" if side == "below" else "smaller")
+            elif limit == x:
                 text += f"; no range {side}: {REASONS[reason]}"
             elif reason != _EXAMINED:
                 text += f"; {side}, {REASONS[reason]}"
@@ -144,7 +146,7 @@ class Derivatives(Printed, eqx.Module):
 
     def __str__(self) -> str:
         if np.ndim(self.value):
-            lines = [f"{k}: {format_number(v)}" for k, v in self.within_tolerance.items()]
+            lines = [f"{k}: {np.mean(v):.1%}" for k, v in self.within_tolerance.items()]
             return "\n".join(["derivatives within the tolerance", *lines])
         head = f"{self.of.replace('_', ' ')} {float(self.value):.6g}"
         return "\n".join([head, *map(self.explain, self.derivative)])
@@ -226,7 +228,7 @@ def derivatives_within(
     >>> block, pulse = jr.Block(half_width=0.2, slenderness=5.0), jr.Sine(3.0, 0.5)
     >>> found = jr.derivatives_within(block, 0.9, pulse, 1e-6, 3.0, by=("restitution",))
     >>> print(found.explain("restitution").partition(", for")[0])
-    d(peak rotation)/d(restitution) = 0.1005515539 +- 4e-10
+    d(peak rotation)/dC = 0.1005515539 +- 4e-10
     >>> print(f"for C from {found.below['restitution']:.2f} to {found.above['restitution']:.2f}")
     for C from 0.87 to 0.99
     """
@@ -315,15 +317,15 @@ def _find_directions(
     names: tuple[str, ...],
     motion: Motion | Suite,
     duration: Number | None,
-) -> list[BatchArguments]:
+) -> list[Batch]:
     """Find how the numbers of a batch move with each parameter."""
     values = [jnp.asarray(parameters.values[name]) for name in names]
 
-    def list_arguments(values: Sequence[Reals]) -> BatchArguments:
+    def list_arguments(values: Sequence[Reals]) -> Batch:
         scene = parameters.build(dict(zip(names, values, strict=True)))
         return make_batch(scene, motion, duration).arguments
 
-    def move_along(row: np.ndarray) -> BatchArguments:
+    def move_along(row: np.ndarray) -> Batch:
         unit = [jnp.full_like(x, component) for x, component in zip(values, row, strict=True)]
         return jax.jvp(list_arguments, (values,), (unit,))[1]
 

@@ -11,7 +11,7 @@ from ..ground_motion import Motion
 from ..host import Shown, format_table
 from ..resonance import ModelLike, Nonlinear, as_model
 from ..validation import Number, as_name, as_real, describe
-from .closed_forms import format_ranges
+from .closed_forms import find_finite_ranges, format_ranges
 from .driven_scenes import gather_scene, simulate_scenes
 from .parameters import Answer, describe_parameter, evaluate, name_parameters
 
@@ -28,6 +28,8 @@ class TornadoBars(Shown):
         The parameter with the widest bar first.
     low, high, at_low, at_high : ndarray, shape (parameters,)
         The ranges, and the answer at their ends, the other parameters unchanged.
+    below, above : ndarray, shape (parameters,)
+        From where to where the answer goes on, as in `Sensitivities`; NaN where not known.
     value : float
         The answer with all parameters unchanged. NaN stands for a block that overturns.
     """
@@ -37,6 +39,8 @@ class TornadoBars(Shown):
     high: np.ndarray
     at_low: np.ndarray
     at_high: np.ndarray
+    below: np.ndarray
+    above: np.ndarray
     value: float
 
     picture: ClassVar[str] = "plot_tornado"
@@ -60,12 +64,12 @@ class TornadoBars(Shown):
         return {"quantity": list(names), **listed}
 
     def __str__(self) -> str:
-        columns = {"at_low": self.at_low, "at_high": self.at_high}
-        ranges = format_ranges(self.low, self.high)
+        columns: dict[str, Any] = {"range": format_ranges(self.low, self.high)}
+        columns |= {"at_low": self.at_low, "at_high": self.at_high}
+        if not np.isnan(self.above).all():
+            columns["holds_for"] = format_ranges(self.below, self.above)
         head = f"{self.value:.6g}" if np.isfinite(self.value) else "overturns"
-        text = format_table(
-            head, [*map(describe_parameter, self.names)], range=ranges, **columns
-        )
+        text = format_table(head, [*map(describe_parameter, self.names)], **columns)
         # Answers of this package are NaN where a block overturns.
         return text.replace("           nan", "     overturns")
 
@@ -96,15 +100,17 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     >>> ranges = {"slenderness": (4.0, 6.0), "restitution": (0.6, 0.8)}
     >>> print(jr.tornado(jr.rotation_ratio, wall, ranges))
     0.123215
-                                 range        at low       at high
-    restitution             0.6 to 0.8     0.0673033      0.307402
-    slenderness                 4 to 6     0.0954255       0.15161
+                                 range        at low       at high     holds for
+    restitution             0.6 to 0.8     0.0673033      0.307402   0 to 0.8557
+    slenderness                 4 to 6     0.0954255       0.15161    0 to 20.97
     """
     parameters = name_parameters(at, ranges, "ranges")
-
     points = _list_ends(parameters.get_values(ranges), ranges)
     (values,) = evaluate(answer, parameters, tuple(ranges), points)
-    return _arrange_bars(values, ranges)
+    limits = find_finite_ranges(
+        lambda trials: evaluate(answer, parameters, tuple(ranges), trials)[0], points[0]
+    )
+    return _arrange_bars(values, ranges, limits)
 
 
 def driven_tornado(
@@ -193,8 +199,11 @@ def _list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     return points
 
 
-def _arrange_bars(values: np.ndarray, ranges: Ranges) -> TornadoBars:
-    """Arrange answers at the points of `_list_ends` as bars, the widest first."""
+def _arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> TornadoBars:
+    """Arrange answers at the points of `_list_ends` as bars, the widest first.
+
+    `limits` are the limits of finite answers along each parameter.
+    """
     bounds = np.asarray(list(ranges.values()), float)
     answers = values[1:].reshape(-1, 2)
     # An end at which the block overturns has no answer: such a bar is the widest of all.
@@ -202,5 +211,5 @@ def _arrange_bars(values: np.ndarray, ranges: Ranges) -> TornadoBars:
     width = np.nan_to_num(abs(np.diff(answers)[:, 0]), nan=np.inf)
     order = np.argsort(-width, kind="stable")
     names = tuple(list(ranges)[k] for k in order)
-    columns = np.vstack([bounds.T, answers.T])
+    columns = np.vstack([bounds.T, answers.T, np.broadcast_to(limits, (2, width.size))])
     return TornadoBars(names, *columns[:, order], value=float(values[0]))

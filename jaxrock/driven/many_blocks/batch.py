@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable
 from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,7 +15,6 @@ from ...ground_motion import Motion, Suite
 from ...validation import Number, choose_namespace, is_traced
 from .ground_input import HostNumbers, HostReals
 from .ground_motions import GroundMotions, RecordVariants, convert_motion
-from .prepared_blocks import BatchArguments, StepControl
 
 # The part of the tolerance that a step may use up: errors of steps add up, and impacts amplify
 # them. Less below 1e-10, where rounding uses up a part.
@@ -29,6 +29,17 @@ def choose_step_tolerance(
     """Choose the tolerance of a step, or a factor times it, within what rounding allows."""
     fraction = np.where(np.asarray(rtol) >= _TIGHT, _FRACTION, _FRACTION_OF_TIGHT)
     return np.maximum(fraction * factor * rtol, np.finfo(dtype).eps).astype(dtype)
+
+
+class StepControl(NamedTuple):
+    """The length of each step of a block, and the terms of its polynomial that count.
+
+    A step ends at the next sample of a record, however loose the tolerance. So a tolerance
+    alone does not make two motions whose steps differ; companions, which omit terms, do.
+    """
+
+    tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
+    companion: HostNumbers  # 1 or 2 for a companion of `to_tolerance`, 0 for a response
 
 
 class Batch(eqx.Module):
@@ -47,8 +58,10 @@ class Batch(eqx.Module):
         them.
     control : StepControl
         Of the response, or of its companions in `to_tolerance`.
-    answer, directions : Array, tuple of BatchArguments, or None
-        Of which answer derivatives are wanted, and how `arguments` move with each parameter.
+    answer : Array or None
+        Of which answer derivatives are wanted, a real like all other numbers.
+    directions : tuple of Batch, or None
+        How `arguments` move with each parameter.
     """
 
     block: Block
@@ -59,7 +72,7 @@ class Batch(eqx.Module):
     velocity: HostNumbers | None
     control: StepControl
     answer: HostNumbers | None = None
-    directions: tuple[BatchArguments, ...] | None = None
+    directions: "tuple[Batch, ...] | None" = None
 
     @classmethod
     def of(
@@ -95,10 +108,6 @@ class Batch(eqx.Module):
             ground = motion.map_numbers(convert)
         else:
             axes = max(axes, *(np.ndim(leaf) for leaf in jax.tree.leaves(numbers)))
-            if isinstance(motion, Suite):
-                axes = max(axes, np.ndim(motion.records[0].scale))
-            if isinstance(motion, RecordVariants):
-                axes = max(axes, np.ndim(motion.which))
             ground = convert_motion(convert(motion), axes)
             if namespace is jnp:
                 # Only `advance` may lead to a start before time 0; NaN is not valid.
@@ -136,22 +145,9 @@ class Batch(eqx.Module):
         return np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(self.arguments)))
 
     @property
-    def arguments(self) -> BatchArguments:
-        """The numbers that differ from block to block."""
-        return BatchArguments(
-            control=self.control,
-            block=self.block,
-            restitution=self.restitution,
-            factor=self.ground.factor,
-            length=self.ground.length,
-            start=self.ground.start,
-            duration=self.until,
-            rotation=self.rotation,
-            velocity=self.velocity,
-            motion=self.ground.motion,
-            answer=self.answer,
-            directions=self.directions,
-        )
+    def arguments(self) -> "Batch":
+        """The numbers that differ from block to block: the batch without what blocks share."""
+        return eqx.tree_at(lambda b: (b.ground.input, b.ground.end), self, (None, None))
 
     def flatten(self) -> tuple[HostReals, Hashable]:
         """Flatten the arguments: a row each number, a column each block; with their structure.

@@ -16,8 +16,8 @@ import numpy as np
 
 from ...ground_motion import Harmonic, Motion, Pulse, Record, Sine, Suite
 from ...validation import choose_namespace, is_traced
-from .ground_input import GroundInput, HostNumbers
-from .pulse_inputs import make_pulse_input
+from .ground_input import HostNumbers
+from .pulse_inputs import PulseInput, make_pulse_input
 from .record_input import GRADES, STRIDE, RecordInput
 
 # Samples and records that there is room for, at least and in steps of a factor of 4: the fewer
@@ -26,6 +26,8 @@ from .record_input import GRADES, STRIDE, RecordInput
 _LEAST_ROOM = 2**14
 _LARGE_ROOM = 2**20
 _LEAST_RECORDS = 64
+
+GroundInput = PulseInput | RecordInput
 
 
 class RecordVariants(NamedTuple):
@@ -72,7 +74,7 @@ class GroundMotions(eqx.Module):
 def convert_motion(motion: Motion | Suite | RecordVariants, axes: int = 0) -> GroundMotions:
     """Convert a motion or a suite, whose arrays are of one type, to what the batch takes.
 
-    The records of a suite make the leading axis of the numbers, followed by `axes` others.
+    The records of a suite make the leading axis of the numbers, followed by at least `axes`.
     """
     if isinstance(motion, Pulse | Harmonic):
         dtype = motion.amplitude.dtype
@@ -87,57 +89,47 @@ def convert_motion(motion: Motion | Suite | RecordVariants, axes: int = 0) -> Gr
         end = motion.start + periods * length
         only = np.zeros((), dtype)
         return GroundMotions(ground, motion.amplitude, length, motion.start, end, only)
-    if isinstance(motion, Record):
-        samples = [part for part in (motion.acceleration, motion.vertical) if part is not None]
-        *shape, _ = np.broadcast_shapes(*(part.shape for part in samples))
-        indices = np.arange(math.prod(shape), dtype=samples[0].dtype).reshape(shape)
-        return GroundMotions(
-            _make_record_input([motion]),
-            motion.scale,
-            motion.time_step,
-            motion.start,
-            _find_end(motion),
-            indices,
-        )
-
-    assert isinstance(motion, Suite | RecordVariants)
-    records = motion.records
+    assert isinstance(motion, Record | Suite | RecordVariants)
+    records = [motion] if isinstance(motion, Record) else motion.records
+    which = getattr(motion, "which", 0)
+    axes = max(axes, np.ndim(records[0].scale), np.ndim(which))
 
     def make_column(values: Sequence[HostNumbers] | np.ndarray) -> HostNumbers:
+        if isinstance(motion, Record):
+            return values[0]
         column = choose_namespace(values).stack(values)
         own_axes = column.shape[1:]
         return column.reshape(len(records), *[1] * (axes - len(own_axes)), *own_axes)
 
     indices = make_column(np.arange(len(records), dtype=records[0].acceleration.dtype))
     if isinstance(motion, RecordVariants):
-        indices = indices * records[0].acceleration.shape[0] + motion.which
+        indices = indices * records[0].acceleration.shape[0] + which
+    elif isinstance(motion, Record):
+        components = jax.tree.leaves((motion.acceleration, motion.vertical))
+        *shape, _ = np.broadcast_shapes(*(samples.shape for samples in components))
+        indices = np.arange(math.prod(shape), dtype=indices.dtype).reshape(shape)
+    ends = [record.start + record._last_index * record.time_step for record in records]
     return GroundMotions(
         _make_record_input(records),
         make_column([record.scale for record in records]),
         make_column([record.time_step for record in records]),
         make_column([record.start for record in records]),
-        make_column([_find_end(record) for record in records]),
+        make_column(ends),
         indices,
     )
 
 
-def _find_end(record: Record) -> HostNumbers:
-    return record.start + record._last_index * record.time_step
-
-
 def _make_record_input(records: Sequence[Record]) -> RecordInput:
     """Lay records, or arrays of records of one length, one after the other."""
-    namespace = choose_namespace(
-        [(record.acceleration, record.vertical) for record in records]
-    )
-    has_vertical = any(record.vertical is not None for record in records)
+    components = [(record.acceleration, record.vertical) for record in records]
+    namespace = choose_namespace(components)
+    has_vertical = any(vertical is not None for _, vertical in components)
     flat_samples = []
     counts = []
-    for record in records:
-        samples = [record.acceleration]
+    for record, (horizontal, vertical) in zip(records, components, strict=True):
+        samples = [horizontal]
         if has_vertical:
-            vertical = record.vertical
-            samples.append(namespace.zeros_like(samples[0]) if vertical is None else vertical)
+            samples.append(namespace.zeros_like(horizontal) if vertical is None else vertical)
         last = record._last_index
         # A padded record ends before its last sample.
         count = record.samples if is_traced(last) else int(last) + 1

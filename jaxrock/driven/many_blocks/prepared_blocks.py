@@ -8,48 +8,53 @@ import jax
 import jax.numpy as jnp
 
 from ... import impact
-from ...block import Block
 from ...resonance import RockingModel
 from ...validation import Booleans, Reals
 from ..equation import Equation
 from ..scene import UP_TO_ITS_SIDE, is_before_wall
+from .batch import Batch, StepControl
 from .flight import LONGEST_STEP
-from .ground_input import Excitation, GroundInput, HostNumbers, PerBlock, rounding_margin
-from .initial_state import InitialState
+from .ground_input import Excitation, PerBlock
+from .ground_motions import GroundInput
 from .taylor import tilt_sine_cosine
 
-# The answers of which derivatives may be wanted, as a real like all other numbers.
+# The answers of which derivatives may be wanted.
 PEAK_ROTATION, ROTATION_RATIO, MARGIN = 0.0, 1.0, 2.0
 
 
-class StepControl(NamedTuple):
-    """The length of each step of a block, and the terms of its polynomial that count.
+class InitialState(NamedTuple):
+    """The state of each block at time 0, from the side on which it stands."""
 
-    A step ends at the next sample of a record, however loose the tolerance. So a tolerance
-    alone does not make two motions whose steps differ; companions, which omit terms, do.
-    """
+    side: PerBlock  # 1 or -1
+    rotation: PerBlock
+    velocity: PerBlock
+    elapsed: PerBlock  # time since the start of the motion; negative before it
 
-    tolerance: HostNumbers  # of the last two terms of a polynomial, relative to its first ones
-    companion: HostNumbers  # 1 or 2 for a companion of `to_tolerance`, 0 for a response
+    @classmethod
+    def of(
+        cls, equation: Equation, rotation: Reals, velocity: Reals, start: Reals
+    ) -> "InitialState":
+        """Take the side from the sign of the rotation, or where that is 0 of the velocity."""
+        towards = jnp.where(rotation == 0, velocity, rotation)
+        side = jnp.where(towards < 0, -1, 1).astype(towards.dtype)
+        rotation = side * rotation
+        velocity = side * velocity
 
-
-class BatchArguments(NamedTuple):
-    """The numbers of each block of a batch; arrays of one type that broadcast."""
-
-    control: StepControl
-    block: Block
-    restitution: HostNumbers
-    factor: HostNumbers  # on the motion: its amplitude or scale
-    length: HostNumbers  # of an interval [s]
-    start: HostNumbers  # of the motion [s]
-    duration: HostNumbers  # for which the block is followed [s]
-    rotation: HostNumbers | None  # initial, signed [rad]; None, like the velocity, at rest
-    velocity: HostNumbers | None  # initial, signed [rad/s]
-    # Index of the motion, where there are several; a real as all the others.
-    motion: HostNumbers
-    # What derivatives are wanted of, and how these numbers move with each parameter.
-    answer: HostNumbers | None = None
-    directions: tuple["BatchArguments", ...] | None = None
+        # A start at time 0 cannot move to an earlier time. The derivative is for a later start,
+        # as in `respond`: until then the block moves freely, for a delay that is 0 and has a
+        # derivative. The terms of second order serve second derivatives.
+        begins = start == 0
+        delay = start - jax.lax.stop_gradient(start)
+        delay = jnp.where(begins & (towards != 0), delay, 0)
+        tilt = equation.critical_angle - rotation - 0.5 * delay * velocity
+        push = jnp.zeros_like(tilt)
+        acceleration = equation.right_hand_side(*tilt_sine_cosine(equation, tilt), push, 0.0)
+        return cls(
+            side=side,
+            rotation=rotation + delay * (velocity + 0.5 * delay * acceleration),
+            velocity=velocity + delay * acceleration,
+            elapsed=jnp.where(begins, 0, -start),
+        )
 
 
 class Case(eqx.Module):
@@ -78,52 +83,40 @@ class PreparedBlocks(NamedTuple):
 
 
 def prepare_blocks(
-    ground: GroundInput, arguments: BatchArguments, model: RockingModel
+    ground: GroundInput, arguments: Batch, model: RockingModel
 ) -> PreparedBlocks:
     """Compute what follows from the arguments once for all steps, elementwise."""
-    motion = jnp.asarray(arguments.motion).astype(jnp.int32)
+    numbers = arguments.ground
+    motion = jnp.asarray(numbers.motion).astype(jnp.int32)
     restitution = jnp.asarray(arguments.restitution)
     equation = Equation.of(arguments.block, model)
     angle = equation.critical_angle
-    strength = jnp.asarray(arguments.factor) / equation.gravity
-    length = jnp.asarray(arguments.length)
+    strength = jnp.asarray(numbers.factor) / equation.gravity
+    length = jnp.asarray(numbers.length)
     rate = ground.find_rate(length)
     natural = jnp.sqrt(equation.p_squared)
 
-    # The unit is arbitrary, so that no derivative depends on it.
-    unit = jax.lax.stop_gradient(1 / ground.find_fastest(natural, rate))
+    # The unit is arbitrary, so that no derivative depends on it. With the faster rate of block
+    # and pulse, the coefficients of both series stay of order 1; the steps under a record are
+    # short in any case.
+    fastest = natural if ground.intervals_end_steps else jnp.maximum(natural, jnp.abs(rate))
+    unit = jax.lax.stop_gradient(1 / fastest)
     equation = dataclasses.replace(
         equation,
         p_squared=equation.p_squared * unit * unit,
         critical_velocity=equation.critical_velocity * unit,
         velocity_unit=None if impact.LAW.linear else 1 / unit,
     )
-    rate = rate * unit
     length = length / unit
-    start = jnp.asarray(arguments.start) / unit
-    duration = jnp.asarray(arguments.duration) / unit
-
-    # By rounding alone no block is lifted, as in `GroundInput.find_uplift`.
-    needed = equation.tangent / jnp.abs(strength)
-    uplift_times = ground.find_uplift_times(rate, needed * (1 + rounding_margin(rate.dtype)))
-    if ground.has_vertical:
-        # The grade is about the larger of both components. If s is the larger of abs(push) and
-        # abs(lift), uplift needs s > (1 - s) tangent, and so s > tangent / (1 + tangent).
-        needed = needed / (1 + equation.tangent)
-    first_interval, intervals = ground.find_intervals(motion)
-    excitation = Excitation(
-        strength=strength,
-        length=length,
-        rate=rate,
-        first_interval=first_interval,
-        intervals=intervals,
-        grade=ground.choose_grade(needed),
-        uplift_times=uplift_times,
+    start = jnp.asarray(numbers.start) / unit
+    duration = jnp.asarray(arguments.until) / unit
+    excitation, ground_is_finite = ground.excite(
+        motion, strength, length, rate * unit, equation.tangent
     )
 
     # A sum is finite only if all its terms are: one test serves all.
     total = equation.p_squared + equation.tangent + strength + start
-    finite = jnp.isfinite(total + restitution + length + duration) & ground.is_finite(motion)
+    finite = jnp.isfinite(total + restitution + length + duration) & ground_is_finite
     positive = (equation.p_squared > 0) & (length > 0) & (duration > 0)
     valid = finite & positive & (restitution >= 0) & (restitution <= 1)
     initial = None

@@ -1,9 +1,9 @@
 """Pulses and harmonic motions for the batch: each shape a class with its own power series."""
 
-import abc
 import math
 from typing import ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,39 +12,80 @@ from jax.typing import DTypeLike
 from ...ground_motion import Pulse, Ricker
 from ...validation import Booleans, Integers, Number, Reals
 from ..equation import Equation
-from .ground_input import Excitation, GroundInput, HostIntegers, HostReals, rounding_margin
+from .ground_input import Excitation, HostIntegers, HostReals, rounding_margin
 from .taylor import Coefficients, sine_cosine
 
 
-class PulseInput(GroundInput):
-    """Intervals with one pulse each, of amplitude 1, as long as `extent` times its duration."""
+class PulseInput(eqx.Module):
+    """Intervals with one pulse of amplitude 1 each, here a sine of a phase.
 
-    extent: HostReals
+    Such pulses are the rectangular, half-sine, sine and cosine ones, and the harmonic motion.
+    """
+
     intervals: HostIntegers
+    phases: HostReals  # by which the phase grows in an interval
+    first_phase: HostReals
 
+    # Orders of the Taylor polynomials of the rotation, by the bytes of a number.
     orders: ClassVar[dict[int, int]] = {8: 14, 4: 8}
+    # Whether most steps end with an interval, whatever the tolerance.
     intervals_end_steps: ClassVar[bool] = False
+    # Steps between two refills of the lanes: few where a block needs few.
     steps_between_refills: ClassVar[int] = 4
-
     # The sign of the first extreme of the pulse, and of the third.
-    first_sign: ClassVar[float]
-
-    @property
-    def has_vertical(self) -> bool:
-        """False: pulses are horizontal."""
-        return False
+    first_sign: ClassVar[float] = 1.0
 
     def fewest_for_two_threads(self) -> int:
         """Return how many blocks one thread follows as fast as two, through all intervals."""
         return max(512 // int(self.intervals), 1)
 
-    def find_fastest(self, natural: Reals, rate: Reals) -> Reals:
-        """Choose the faster one, so that the coefficients of both series stay of order 1."""
-        return jnp.maximum(natural, jnp.abs(rate))
+    def find_rate(self, length: Reals) -> Reals:
+        """Compute the rate of the phase in time, for intervals of a length."""
+        return jnp.asarray(self.phases) / length
 
-    @abc.abstractmethod
-    def compute_phase(self, rate: Reals, along: Reals) -> Reals:
-        """Compute the argument of the pulse's formula at a time."""
+    def find_phases(self, needed: Reals) -> tuple[Reals, ...]:
+        """Find where the magnitude rises through a ratio, in three half-waves; inf for never."""
+        first = jnp.where(needed < 1, jnp.arcsin(jnp.where(needed < 1, needed, 0)), jnp.inf)
+        return tuple(k * math.pi + first for k in range(3))
+
+    def excite(
+        self, motion: Integers, strength: Reals, length: Reals, rate: Reals, tangent: Reals
+    ) -> tuple[Excitation, Booleans | bool]:
+        """Describe the input as blocks feel it; it is finite if their amplitudes are."""
+        # By rounding alone no block is lifted, as in `find_uplift`.
+        needed = tangent / jnp.abs(strength) * (1 + rounding_margin(rate.dtype))
+        moving = jnp.where(rate > 0, rate, 1)
+        times = []
+        for phase in self.find_phases(needed):
+            comes = (rate > 0) & (phase > self.first_phase) & (phase < jnp.inf)
+            # Derivatives in reverse mode would be NaN from an infinite phase.
+            time = (jnp.where(comes, phase, 0) - self.first_phase) / moving
+            times.append(jnp.where(comes, time, jnp.inf))
+        none = jnp.zeros_like(motion)
+        intervals = none + self.intervals
+        return Excitation(strength, length, rate, none, intervals, none, tuple(times)), True
+
+    def read(self, place: Integers) -> tuple:
+        """Return nothing: all intervals are alike."""
+        del place
+        return ()
+
+    def expand(
+        self, excitation: Excitation, line: tuple, along: Reals, order: int
+    ) -> tuple[Coefficients, Coefficients]:
+        """Expand the acceleration over g in powers of the time from `along` on.
+
+        The second derivative of the sine is -rate^2 times itself. There is no vertical
+        acceleration.
+        """
+        del line
+        rate = excitation.rate
+        sine, cosine = _compute_sine_cosine(rate * along + self.first_phase)
+        c = [excitation.strength * sine, excitation.strength * cosine * rate]
+        square = rate * rate
+        for k in range(2, order - 1):
+            c.append(c[k - 2] * square * (-1 / (k * (k - 1))))
+        return tuple(c), ()
 
     def find_uplift(
         self,
@@ -55,7 +96,11 @@ class PulseInput(GroundInput):
         vertical: Coefficients,
         time_left: Reals,
     ) -> tuple[Booleans, Reals, Reals]:
-        """Find the first of `uplift_times` that is still to come."""
+        """Find whether a block at rest is lifted, after how long, and to which side.
+
+        It is at the first of `uplift_times` that is still to come. A one-sided block is lifted
+        to the side 1 only.
+        """
         del vertical, time_left
         push = horizontal[0] if equation.one_sided else jnp.abs(horizontal[0])
         at_once = push > equation.tangent * (1 + rounding_margin(along.dtype))
@@ -74,57 +119,9 @@ class PulseInput(GroundInput):
         wait = jnp.where(at_once | ~lifted, 0, time - along)
         return lifted, wait, jnp.where(negative, -1.0, 1.0)
 
-    def find_intervals(self, motion: Integers) -> tuple[Integers, Integers]:
-        """Return place 0 and the number of intervals, which all motions have."""
-        return jnp.zeros_like(motion), jnp.broadcast_to(self.intervals, motion.shape)
-
-    def is_finite(self, motion: Integers) -> Booleans:
-        """Return True: a pulse is finite if its amplitude is, which is the block's number."""
-        return jnp.ones(motion.shape, bool)
-
-    def choose_grade(self, needed: Reals) -> Integers:
-        """Return 0: `find_next_interval` needs none."""
-        return jnp.zeros(needed.shape, jnp.int32)
-
     def find_next_interval(self, interval: Integers, excitation: Excitation) -> Integers:
-        """Return the interval itself: all are equally strong."""
+        """Return the interval itself, or the end: all are equally strong."""
         return jnp.minimum(interval, excitation.intervals)
-
-
-class SineInput(PulseInput):
-    """Pulses that are a sine of a phase: rectangular, half-sine, sine, cosine, harmonic."""
-
-    phase_rate: HostReals  # times the duration of the pulse; see `Pulse.harmonic`
-    first_phase: HostReals
-
-    first_sign: ClassVar[float] = 1.0
-
-    def find_rate(self, length: Reals) -> Reals:
-        """Compute the rate of the phase in time, for intervals of a length."""
-        return jnp.asarray(self.phase_rate) * self.extent / length
-
-    def expand(
-        self, excitation: Excitation, line: tuple, along: Reals, order: int
-    ) -> tuple[Coefficients, Coefficients]:
-        """Expand the sine: its second derivative is -rate^2 times itself."""
-        del line
-        rate = excitation.rate
-        sine, cosine = _compute_sine_cosine(self.compute_phase(rate, along))
-        c = [excitation.strength * sine, excitation.strength * cosine * rate]
-        square = rate * rate
-        for k in range(2, order - 1):
-            c.append(c[k - 2] * square * (-1 / (k * (k - 1))))
-        return tuple(c), ()
-
-    def compute_phase(self, rate: Reals, along: Reals) -> Reals:
-        """Compute the argument of the sine at a time."""
-        return rate * along + jnp.asarray(self.first_phase)
-
-    def find_uplift_times(self, rate: Reals, needed: Reals) -> tuple[Reals, ...]:
-        """Find when the magnitude of the sine rises through a ratio, in three half-waves."""
-        first = jnp.where(needed < 1, jnp.arcsin(jnp.where(needed < 1, needed, 0)), jnp.inf)
-        phases = tuple(k * math.pi + first for k in range(3))
-        return _times_of_phases(phases, rate, self.compute_phase(rate, jnp.zeros_like(rate)))
 
 
 class RickerInput(PulseInput):
@@ -132,17 +129,13 @@ class RickerInput(PulseInput):
 
     first_sign: ClassVar[float] = -1.0
 
-    def find_rate(self, length: Reals) -> Reals:
-        """Compute the rate of the phase in time, for intervals of a length."""
-        return math.pi * jnp.asarray(self.extent) / length
-
     def expand(
         self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
         """Expand the bell by its differential equation bell' = -2 phase bell."""
         del line
         rate = excitation.rate
-        phase = self.compute_phase(rate, along)
+        phase = rate * along + self.first_phase
         bell = [excitation.strength * jnp.exp(-phase * phase)]
         bell.append(-2 * phase * bell[0])
         for k in range(1, order):
@@ -154,45 +147,51 @@ class RickerInput(PulseInput):
             unit = unit * rate
         return tuple(c), ()
 
-    def compute_phase(self, rate: Reals, along: Reals) -> Reals:
-        """Compute the argument of the bell at a time, which is 0 at the peak."""
-        return rate * along + -2 * math.pi
+    def find_phases(self, needed: Reals) -> tuple[Reals, ...]:
+        """Find where the magnitude rises through a ratio: at a side, the main, a side peak."""
+        tail = 2 * math.exp(-1.5)  # height of the side peaks, where the square is 1.5
 
-    def find_uplift_times(self, rate: Reals, needed: Reals) -> tuple[Reals, ...]:
-        """Find when the magnitude rises through a ratio: at a side, the main, a side peak."""
-        inner, outer = _find_wavelet_crossings(needed)
-        phases = (-outer, -inner[0], inner[1])
-        return _times_of_phases(phases, rate, self.compute_phase(rate, jnp.zeros_like(rate)))
+        def solve(square: Reals, exists: Booleans, sign: float, iterations: int) -> Reals:
+            """Solve for the phase, whose square Newton's method finds, in logarithms."""
+            target = jnp.log(jnp.where(exists, needed, 0.1))
+
+            def improve(square: Reals, target: Reals) -> Reals:
+                inside = sign * (1 - 2 * square)
+                return square - (jnp.log(inside) - square - target) / (-2 * sign / inside - 1)
+
+            for _ in range(iterations):
+                square = improve(square, jax.lax.stop_gradient(target))
+            # A last iteration from a constant has the derivative of the root.
+            square = improve(jax.lax.stop_gradient(square), target)
+            return jnp.where(exists, jnp.sqrt(jnp.where(exists, square, 1)), jnp.inf)
+
+        fixed = jax.lax.stop_gradient(needed)
+        low = fixed < tail
+        # The functions are concave in the square of the phase: Newton's method is monotone, and
+        # cannot leave their domain, from starting points on the far side of the root.
+        main = solve(0.5 * (1 - fixed), fixed < 1, 1.0, 5)
+        # Near the top of a side peak the roots are close together, by a square root.
+        gap = jnp.sqrt(jnp.maximum(tail - fixed, 0) * math.exp(1.5))
+        inner = solve(jnp.maximum(1.5 - gap, 0.5 + 0.25 * fixed), low, -1.0, 10)
+        logarithm = jnp.log(jnp.where(low, fixed, tail) / tail)
+        return -solve(1.5 + gap - 1.5 * logarithm, low, -1.0, 10), -main, inner
 
 
-def make_pulse_input(
-    kind: type[Pulse], dtype: DTypeLike, intervals: Number = 1
-) -> SineInput | RickerInput:
+def make_pulse_input(kind: type[Pulse], dtype: DTypeLike, intervals: Number = 1) -> PulseInput:
     """Make the input for pulses of a kind, or for as many of them without a break."""
-    extent = np.asarray(kind.extremes[-1], dtype)
-    number = np.asarray(intervals, np.int32)
-    if kind.harmonic is not None:
-        rate, phase = (np.asarray(part, dtype) for part in kind.harmonic)
-        return SineInput(extent, number, rate, phase)
-    if issubclass(kind, Ricker):
-        return RickerInput(extent, number)
-    raise ValueError(
-        f"{kind.__name__} has no power series: batches take pulse.sampled(time_step) instead"
-    )
-
-
-def _times_of_phases(
-    phases: tuple[Reals, ...], rate: Reals, begin: Reals
-) -> tuple[Reals, ...]:
-    """Convert phases to times from the beginning of an interval; inf for phases before it."""
-    moving = jnp.where(rate > 0, rate, 1)
-    times = []
-    for phase in phases:
-        comes = (rate > 0) & (phase > begin) & (phase < jnp.inf)
-        # Derivatives in reverse mode would be NaN from an infinite phase.
-        time = (jnp.where(comes, phase, 0) - begin) / moving
-        times.append(jnp.where(comes, time, jnp.inf))
-    return tuple(times)
+    harmonic = kind.harmonic
+    shape = PulseInput
+    if harmonic is None and issubclass(kind, Ricker):
+        harmonic = math.pi, -2 * math.pi
+        shape = RickerInput
+    if harmonic is None:
+        raise ValueError(
+            f"{kind.__name__} has no power series: batches take pulse.sampled(time_step) instead"
+        )
+    # The rate is for a pulse of duration 1, see `Pulse.harmonic`.
+    rate, first_phase = (np.asarray(number, dtype) for number in harmonic)
+    phases = rate * np.asarray(kind.extremes[-1], dtype)
+    return shape(np.asarray(intervals, np.int32), phases, first_phase)
 
 
 def _compute_sine_cosine(phase: Reals) -> tuple[Reals, Reals]:
@@ -203,37 +202,3 @@ def _compute_sine_cosine(phase: Reals) -> tuple[Reals, Reals]:
     sine, cosine = sine_cosine((phase - turns * 3.140625) - turns * (math.pi - 3.140625))
     odd = turns != 2 * jnp.round(0.5 * turns)
     return jnp.where(odd, -sine, sine), jnp.where(odd, -cosine, cosine)
-
-
-def _find_wavelet_crossings(ratio: Reals) -> tuple[tuple[Reals, Reals], Reals]:
-    """Find the phases at which the magnitude of Ricker's wavelet is a ratio, all positive.
-
-    On the slope of the main peak and the inner slope of a side peak, and on its outer slope;
-    inf where there is none.
-    """
-    tail = 2 * math.exp(-1.5)  # height of the side peaks, where the square is 1.5
-
-    def solve(square: Reals, exists: Booleans, sign: float, iterations: int) -> Reals:
-        """Solve for the square of the phase by Newton's method, in logarithms."""
-        target = jnp.log(jnp.where(exists, jax.lax.stop_gradient(ratio), 0.1))
-
-        def improve(square: Reals, target: Reals) -> Reals:
-            inside = sign * (1 - 2 * square)
-            return square - (jnp.log(inside) - square - target) / (-2 * sign / inside - 1)
-
-        for _ in range(iterations):
-            square = improve(square, target)
-        # A last iteration from a constant has the derivative of the root.
-        square = improve(jax.lax.stop_gradient(square), jnp.log(jnp.where(exists, ratio, 0.1)))
-        return jnp.where(exists, jnp.sqrt(jnp.where(exists, square, 1)), jnp.inf)
-
-    fixed = jax.lax.stop_gradient(ratio)
-    low = fixed < tail
-    # The functions are concave in the square of the phase: Newton's method is monotone, and
-    # cannot leave their domain, from starting points on the far side of the root.
-    main = solve(0.5 * (1 - fixed), fixed < 1, 1.0, 5)
-    # Near the top of a side peak the roots are close together, by a square root.
-    gap = jnp.sqrt(jnp.maximum(tail - fixed, 0) * math.exp(1.5))
-    near = solve(jnp.maximum(1.5 - gap, 0.5 + 0.25 * fixed), low, -1.0, 10)
-    far = solve(1.5 + gap - 1.5 * jnp.log(jnp.where(low, fixed, tail) / tail), low, -1.0, 10)
-    return (main, near), far

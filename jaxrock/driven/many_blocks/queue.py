@@ -5,60 +5,17 @@ impacts.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
 from ...validation import Integers, Reals
-from .ground_input import GroundInput
-from .initial_state import InitialState
-from .prepared_blocks import Case
-from .single_kernels import call_as_one_function, materialize
-from .step import Lanes, max_steps
-
-
-class FinalStates(NamedTuple):
-    """The states and counts of blocks that have finished."""
-
-    peak: Reals
-    rotation: Reals  # signed, like the velocity
-    velocity: Reals
-    end_rotation: Reals  # at the end of the input
-    end_velocity: Reals
-    end_impacts: Reals
-    impacts: Reals
-    impact_sum: Reals
-    finished: Reals  # 1 if simulated to the end, otherwise 0
-    # With coincidences, else None: `AnswerEvents`, the second highest rotation, `Nearest`.
-    events: Any
-    second_peak: Any
-    later: Any
-
-    @classmethod
-    def of(cls, lanes: Lanes, case: Case) -> "FinalStates":
-        """Collect the states of all lanes, finished or not."""
-        events = second_peak = later = None
-        if lanes.coincidences is not None:
-            events = lanes.coincidences.answer
-            events = events._replace(sequence=events.sequence.astype(lanes.peak.dtype))
-            second_peak = lanes.coincidences.find_second_peak()
-            later = lanes.coincidences.later
-        return cls(
-            peak=lanes.peak,
-            rotation=lanes.side * lanes.rotation,
-            velocity=lanes.side * lanes.velocity,
-            end_rotation=lanes.end_rotation,
-            end_velocity=lanes.end_velocity,
-            end_impacts=lanes.end_impacts.astype(lanes.peak.dtype),
-            impacts=lanes.impacts.astype(lanes.peak.dtype),
-            impact_sum=lanes.impact_sum,
-            finished=(lanes.steps < max_steps(case)).astype(lanes.peak.dtype),
-            events=events,
-            second_peak=second_peak,
-            later=later,
-        )
+from .ground_motions import GroundInput
+from .prepared_blocks import Case, InitialState
+from .single_kernels import call_loop, materialize
+from .step import Lanes
 
 
 class _Progress(NamedTuple):
@@ -66,7 +23,7 @@ class _Progress(NamedTuple):
     block: Integers  # of each lane, its place in the queue; beyond its end for none
     case: Case  # of the lanes
     taken: Integers  # from the queue
-    results: Reals  # (queue + 1, results): the last row is for lanes without a block
+    results: Reals  # (queue + 1, numbers): the last row is for lanes without a block
 
 
 def work_off(
@@ -77,10 +34,10 @@ def work_off(
     lanes: int,
     step: Callable[[Lanes, Case], Lanes],
     watched: bool,
-) -> FinalStates:
+) -> Lanes:
     """Take the first `count` blocks of a queue from time 0 to their ends, by `step`.
 
-    With coincidences if `watched`.
+    With coincidences if `watched`. Returns their last states, in reals only.
     """
     dtype = queue.duration.dtype
     size = queue.duration.size
@@ -92,8 +49,9 @@ def work_off(
         """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
         idle = ~lanes.are_active(case)
-        # One scatter of rows: an array for each result would need eight.
-        rows = jnp.stack(jax.tree.leaves(FinalStates.of(lanes, case)), axis=-1)
+        # One scatter of rows: an array for each number would need a dozen.
+        leaves = jax.tree.leaves(lanes)
+        rows = jnp.stack([leaf.astype(dtype) for leaf in leaves], axis=-1)
         results = results.at[jnp.where(idle, block, size)].set(rows)
 
         # Idle lanes are numbered, and take blocks from the queue in that order.
@@ -129,25 +87,24 @@ def work_off(
 
     def go_on(progress: _Progress) -> _Progress:
         progress = refill(progress)
-        lanes = call_as_one_function(take_steps, progress.lanes, progress.case)
+        lanes = call_loop(take_steps, progress.lanes, progress.case)
         return progress._replace(lanes=lanes)
 
     # Lanes begin as if they had finished some block, whose result nobody reads.
     any_case = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue)
     idle = Lanes.at_rest(any_case.excitation.intervals, dtype, watched)
-    final = FinalStates.of(idle, any_case)
     begin = _Progress(
         lanes=idle,
         block=jnp.full(lanes, size, jnp.int32),
         case=any_case,
         taken=jnp.zeros((), jnp.int32),
-        results=jnp.zeros((size + 1, len(jax.tree.leaves(final))), dtype),
+        results=jnp.zeros((size + 1, len(jax.tree.leaves(idle))), dtype),
     )
     # The last turn only stores results: what refills before the loop as well is compiled twice.
     *_, results = jax.lax.while_loop(
         lambda progress: (progress.taken < count) | (progress.block < size).any(), go_on, begin
     )
-    return jax.tree.unflatten(jax.tree.structure(final), list(results[:-1].T))
+    return jax.tree.unflatten(jax.tree.structure(idle), list(results[:-1].T))
 
 
 def _sum_up(x: Integers) -> Integers:

@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 
@@ -9,7 +10,6 @@ from ...validation import Booleans, Integers, Reals
 from ..equation import Equation
 from .ground_input import (
     Excitation,
-    GroundInput,
     HostBooleans,
     HostIntegers,
     HostReals,
@@ -22,7 +22,7 @@ _STRIDE_BITS = 3
 STRIDE = 1 << _STRIDE_BITS  # intervals that are passed over together
 
 
-class RecordInput(GroundInput):
+class RecordInput(eqx.Module):
     """The intervals of one or more records, one after the other in flat arrays.
 
     A table says for each stride of intervals and each grade of strength which stride is the
@@ -38,15 +38,10 @@ class RecordInput(GroundInput):
     first_intervals: HostIntegers  # place of the first interval of each motion
     intervals: HostIntegers  # of each motion
 
-    # Samples keep steps short, so that high orders would be wasted.
+    # As those of `PulseInput`. Samples keep steps short, so that high orders would be wasted.
     orders: ClassVar[dict[int, int]] = {8: 9, 4: 8}
     intervals_end_steps: ClassVar[bool] = True
     steps_between_refills: ClassVar[int] = 64
-
-    @property
-    def has_vertical(self) -> bool:
-        """True if there is a vertical component."""
-        return bool(self.vertical)
 
     def fewest_for_two_threads(self) -> int:
         """Return how many blocks one thread follows as fast as two threads do."""
@@ -56,6 +51,24 @@ class RecordInput(GroundInput):
         """Compute the rate of the samples."""
         return 1 / length
 
+    def excite(
+        self, motion: Integers, strength: Reals, length: Reals, rate: Reals, tangent: Reals
+    ) -> tuple[Excitation, Booleans]:
+        """Describe the input as blocks feel it, and tell whether their motions are finite.
+
+        The grade is the strongest one that is not above what a block needs: it misses none.
+        """
+        needed = tangent / jnp.abs(strength)
+        if self.vertical:
+            # The grade is about the larger of both components. If s is the larger of abs(push)
+            # and abs(lift), uplift needs s > (1 - s) tangent: s > tangent / (1 + tangent).
+            needed = needed / (1 + tangent)
+        steps = jnp.ceil(2 * jnp.log2(jnp.asarray(self.strongest) / needed))
+        grade = jnp.clip(steps, 0, GRADES - 1).astype(jnp.int32)
+        table = self.first_intervals, self.intervals, self.finite
+        first, intervals, finite = (jnp.asarray(column)[motion] for column in table)
+        return Excitation(strength, length, rate, first, intervals, grade, ()), finite
+
     def read(self, place: Integers) -> tuple:
         """Read the lines through both samples, horizontal and vertical."""
         lines = self.horizontal, self.vertical
@@ -64,7 +77,7 @@ class RecordInput(GroundInput):
     def expand(
         self, excitation: Excitation, line: tuple, along: Reals, order: int
     ) -> tuple[Coefficients, Coefficients]:
-        """Move the origin of the line to `along`."""
+        """Expand both accelerations over g: move the origin of their lines to `along`."""
         del order
         share = along * excitation.rate
 
@@ -74,11 +87,6 @@ class RecordInput(GroundInput):
 
         horizontal, vertical = line
         return move(horizontal), move(vertical)
-
-    def find_uplift_times(self, rate: Reals, needed: Reals) -> tuple[Reals, ...]:
-        """Return none: the table says where to look."""
-        del rate, needed
-        return ()
 
     def find_uplift(
         self,
@@ -119,19 +127,6 @@ class RecordInput(GroundInput):
         growth = side * horizontal[1] - needed[1]
         wait = -excess / jnp.where(growth > 0, growth, 1)
         return lifted, jnp.where(at_once, 0, wait), side
-
-    def find_intervals(self, motion: Integers) -> tuple[Integers, Integers]:
-        """Return the place of the first interval of a motion, and its number of intervals."""
-        return jnp.asarray(self.first_intervals)[motion], jnp.asarray(self.intervals)[motion]
-
-    def is_finite(self, motion: Integers) -> Booleans:
-        """Return whether all samples of a motion are finite."""
-        return jnp.asarray(self.finite)[motion]
-
-    def choose_grade(self, needed: Reals) -> Integers:
-        """Choose the strongest grade that is not above what a block needs: it misses none."""
-        steps = jnp.ceil(2 * jnp.log2(jnp.asarray(self.strongest) / needed))
-        return jnp.clip(steps, 0, GRADES - 1).astype(jnp.int32)
 
     def find_next_interval(self, interval: Integers, excitation: Excitation) -> Integers:
         """Find the first interval from `interval` on that may lift a block, or the end."""

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Hashable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -40,20 +41,14 @@ from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_
 from ..scene import UP_TO_ITS_SIDE, check_initial_state
 from .batch import Batch
 from .coincidences import AnswerEvents, Nearest
-from .compiler_options import jit_steps
-from .ground_input import GroundInput, HostReals
-from .prepared_blocks import (
-    MARGIN,
-    ROTATION_RATIO,
-    BatchArguments,
-    Case,
-    PreparedBlocks,
-    prepare_blocks,
-)
-from .queue import FinalStates, work_off
+from .ground_input import HostReals
+from .ground_motions import GroundInput
+from .prepared_blocks import MARGIN, ROTATION_RATIO, Case, PreparedBlocks, prepare_blocks
+from .queue import work_off
 from .record_input import RecordInput
 from .reverse_sweep import pull_back
-from .step import Lanes, take_step
+from .single_kernels import jit_steps
+from .step import Lanes, max_steps, take_step
 
 # On a processor, lanes fill its vectors several times over, and their states its nearest
 # cache.
@@ -162,15 +157,15 @@ def _follow_rows(
     count: Integers | int,
     program: _Program,
     lanes: int,
-    final: FinalStates | None = None,
+    final: Lanes | None = None,
 ) -> SimulatedBatch:
     """Follow the blocks of the first `count` columns, whose rows are their arguments.
 
     Or only make the answers, if the `final` states are given.
     """
-    arguments: BatchArguments = jax.tree.unflatten(program.form, list(rows))
+    arguments: Batch = jax.tree.unflatten(program.form, list(rows))
     directions = arguments.directions
-    arguments = arguments._replace(directions=None)
+    arguments = replace(arguments, directions=None)
     if directions is None:
         return _follow(ground, arguments, count, program, lanes, final)
     along = jax.tree.map(lambda *leaves: jnp.stack(leaves), *directions)
@@ -179,11 +174,11 @@ def _follow_rows(
     )
     moving, fixed = eqx.partition(arguments, moves)
 
-    def follow(moving: BatchArguments) -> tuple[SimulatedAnswer, SimulatedBatch]:
+    def follow(moving: Batch) -> tuple[SimulatedAnswer, SimulatedBatch]:
         simulated = _follow(ground, eqx.combine(moving, fixed), count, program, lanes)
         return simulated.answer, simulated
 
-    def differentiate(along: BatchArguments) -> tuple[SimulatedAnswer, SimulatedBatch]:
+    def differentiate(along: Batch) -> tuple[SimulatedAnswer, SimulatedBatch]:
         return jax.jvp(follow, (moving,), (along,), has_aux=True)[1:]
 
     slopes, simulated = jax.vmap(differentiate, out_axes=(-1, None))(along)
@@ -192,11 +187,11 @@ def _follow_rows(
 
 def _follow(
     ground: GroundInput,
-    arguments: BatchArguments,
+    arguments: Batch,
     count: Integers | int,
     program: _Program,
     lanes: int,
-    final: FinalStates | None = None,
+    final: Lanes | None = None,
 ) -> SimulatedBatch:
     """Follow the first `count` blocks, as `_follow_rows` does."""
     case, initial, unit, valid = prepare_blocks(ground, arguments, program.model)
@@ -207,8 +202,9 @@ def _follow(
     if final is None:
         watched = case.answer is not None
         final = work_off(ground, case, initial, count, lanes, step, watched)
+    finished = final.steps.astype(jnp.int32) < max_steps(case)
     # In as few bytes as a boolean: statuses of large batches are copied like all else.
-    status = jnp.where(final.finished > 0, Status.COMPLETE, Status.STOPPED)
+    status = jnp.where(finished, Status.COMPLETE, Status.STOPPED)
     status = jnp.where(valid, status, Status.INVALID).astype(jnp.int8)
     complete = status == Status.COMPLETE
     before_impact, after_impact = free_motion_margins(
@@ -227,8 +223,8 @@ def _follow(
 
     response = BatchResponse(
         peak_rotation=where_complete(jnp.minimum(final.peak, TOPPLED_ROTATION)),
-        final_rotation=where_complete(final.rotation),
-        final_velocity=where_complete(final.velocity / unit),
+        final_rotation=where_complete(final.side * final.rotation),
+        final_velocity=where_complete(final.side * final.velocity / unit),
         overturned=overturned,
         margin=where_complete(margin),
         impacts=final.impacts.astype(int),
@@ -243,16 +239,20 @@ def _follow(
     arriving = leaving / jnp.maximum(case.restitution, 0.25)
     sums = jax.lax.stop_gradient((final.impact_sum / case.duration, arriving * arriving))
     simulated = SimulatedBatch(response, *sums)
-    if final.events is None:
+    coincidences = final.coincidences
+    if coincidences is None:
         return simulated
     peak = jnp.where(overturned, jnp.nan, response.peak_rotation)
     ratio = peak / arguments.block.critical_angle
     is_peak = case.answer != MARGIN
+    events = coincidences.answer
     value = jnp.where(case.answer == ROTATION_RATIO, ratio, peak)
     zero = jnp.zeros_like(peak)
     none = Nearest(zero, zero)
     gap = jnp.where(
-        is_peak, final.peak - final.second_peak, jnp.abs(after_impact - before_impact)
+        is_peak,
+        final.peak - coincidences.find_second_peak(),
+        jnp.abs(after_impact - before_impact),
     )
     return simulated._replace(
         answer=SimulatedAnswer(
@@ -264,10 +264,10 @@ def _follow(
             ),
             gap=gap / jnp.where(is_peak & (final.peak > 0), final.peak, 1),
             impact_sum=final.impact_sum,
-            events=final.events._replace(lifted=final.events.lifted * unit),
-            change=jax.tree.map(lambda rate: jnp.where(is_peak, rate, 0), final.later).include(
-                gap, complete
-            ),
+            events=events._replace(lifted=events.lifted * unit),
+            change=jax.tree.map(
+                lambda rate: jnp.where(is_peak, rate, 0), coincidences.later
+            ).include(gap, complete),
             overturning=none.include(margin, is_peak).include(
                 arguments.block.critical_angle - final.peak, is_peak
             ),
@@ -286,7 +286,7 @@ def _pull_rows(
         arguments = jax.tree.unflatten(program.form, list(rows))
         return prepare_blocks(ground, arguments, program.model)
 
-    def answer(rows: Reals, final: FinalStates) -> SimulatedBatch:
+    def answer(rows: Reals, final: Lanes) -> SimulatedBatch:
         return _follow_rows(ground, rows, 0, program, 0, final)
 
     return pull_back(ground, rows, cotangents, program.order, prepare, answer)
@@ -447,11 +447,9 @@ def simulate_batch(
 def _share_out(ground: GroundInput, rows: HostReals, program: _Program) -> SimulatedBatch:
     """Follow all columns, on all devices or processors; NumPy arrays."""
     default = jax.config.jax_default_device
-    if default is None:
-        devices = jax.local_devices()
-    else:  # which may be the name of a platform
-        named = isinstance(default, str)
-        devices = jax.local_devices(backend=default) if named else [default]
+    devices = [default]
+    if default is None or isinstance(default, str):  # which may be the name of a platform
+        devices = jax.local_devices(backend=default)
     on_processor = devices[0].platform == "cpu"
     workers = count_processors() if on_processor else len(devices)
     size = rows.shape[1]
@@ -472,7 +470,8 @@ def _share_out(ground: GroundInput, rows: HostReals, program: _Program) -> Simul
     order = np.arange(size)
     if isinstance(ground, RecordInput):
         # Long records first, so that no lane begins one when the others have nothing left.
-        intervals = np.asarray(ground.intervals)[rows[-1].astype(int)]
+        numbers = jax.tree.unflatten(program.form, list(rows)).ground
+        intervals = np.asarray(ground.intervals)[numbers.motion.astype(int)]
         order = np.argsort(-intervals, kind="stable")
 
     def follow_piece(k: int) -> SimulatedBatch:
@@ -481,9 +480,7 @@ def _share_out(ground: GroundInput, rows: HostReals, program: _Program) -> Simul
         count = part.shape[1]
         queue = np.ones((len(rows), room), rows.dtype)
         queue[:, :count] = part
-        placed = (ground, queue)
-        if len(devices) > 1 or not on_processor:
-            placed = jax.device_put(placed, devices[k % len(devices)])
+        placed = jax.device_put((ground, queue), devices[k % len(devices)])
         result = follow(*placed, count, program=program, lanes=lanes)
         answers = jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
         work.update(count)

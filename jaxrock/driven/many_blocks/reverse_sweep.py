@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ...validation import Booleans, Integers, Reals
-from .ground_input import GroundInput
+from .ground_motions import GroundInput
 from .prepared_blocks import PreparedBlocks
-from .queue import FinalStates
 from .record_input import RecordInput
 from .step import Lanes, take_step
 
@@ -39,7 +38,7 @@ def pull_back(
     cotangents: PyTree,
     order: int,
     prepare: Callable[[Reals], PreparedBlocks],
-    answer: Callable[[Reals, FinalStates], PyTree],
+    answer: Callable[[Reals, Lanes], PyTree],
 ) -> tuple[PyTree, Reals]:
     """Pull cotangents of answers back to the samples of the ground and the rows of arguments.
 
@@ -58,9 +57,6 @@ def pull_back(
 
         def begin(prepared: PreparedBlocks) -> Lanes:
             return Lanes.begin(prepared.initial, prepared.case, resting)
-
-        def finish(rows: Reals, lanes: Lanes) -> PyTree:
-            return answer(rows, FinalStates.of(lanes, case))
 
         def are_active(lanes: Lanes) -> Booleans:
             return lanes.are_active(case) & prepared.valid
@@ -89,7 +85,7 @@ def pull_back(
             go_on,
             (jnp.zeros((), jnp.int32), lanes, room),
         )
-        pulled_rows, costates = eqx.filter_vjp(finish, rows, lanes)[1](cotangents)
+        pulled_rows, costates = eqx.filter_vjp(answer, rows, lanes)[1](cotangents)
         costates = jax.tree.map(lambda x: jnp.where(are_active(lanes), jnp.nan, x), costates)
         blocks = jax.tree.map(jnp.zeros_like, eqx.filter(prepared, eqx.is_inexact_array))
         _, costates, blocks, samples = jax.lax.while_loop(

@@ -47,16 +47,9 @@ from ...validation import Booleans, Integers, Reals
 from ..overturning_criterion import TOPPLED_ROTATION
 from .coincidences import Coincidences
 from .flight import LONGEST_STEP, StepFlight
-from .ground_input import (
-    CountPerBlock,
-    GroundInput,
-    HostNumbers,
-    PerBlock,
-    TruthPerBlock,
-    rounding_margin,
-)
-from .initial_state import InitialState
-from .prepared_blocks import MARGIN, Case
+from .ground_input import CountPerBlock, HostNumbers, PerBlock, TruthPerBlock, rounding_margin
+from .ground_motions import GroundInput
+from .prepared_blocks import MARGIN, Case, InitialState
 from .taylor import (
     Coefficients,
     choose_step,
@@ -172,8 +165,7 @@ def take_step(
     before_end = lanes.interval < intervals
     acts = before_end & ~before_start
     begin = case.start + lanes.interval.astype(lanes.rotation.dtype) * case.excitation.length
-    length = jnp.where(before_end, case.excitation.length, jnp.inf)
-    length = jnp.where(before_start, 0, length)
+    length = jnp.where(before_start, 0, jnp.where(before_end, case.excitation.length, jnp.inf))
     stop = jnp.minimum(length, case.duration - begin)
     time_left = stop - lanes.elapsed
 
@@ -188,15 +180,17 @@ def take_step(
         lanes.elapsed,
         order,
     )
-    push = tuple(lanes.side * part for part in horizontal)
-    horizontal, lift, push, time_left = materialize((horizontal, lift, push, time_left))
+    horizontal, lift, push, time_left = materialize(
+        (horizontal, lift, tuple(lanes.side * part for part in horizontal), time_left)
+    )
 
     # At rest: uplift within the interval.
-    lifted, wait, uplift_side = ground.find_uplift(
+    lifts, wait, uplift_side = ground.find_uplift(
         case.excitation, case.equation, lanes.elapsed, horizontal, lift, time_left
     )
-    lifted = ~lanes.moves & acts & lifted & (time_left > wait)
-    lifted, wait, uplift_side = materialize((lifted, wait, uplift_side))
+    lifted, wait, uplift_side = materialize(
+        (~lanes.moves & acts & lifts & (time_left > wait), wait, uplift_side)
+    )
 
     # In motion: the polynomial, how far it is accurate, and what the block does on it.
     tolerance, companion = case.control
@@ -214,20 +208,18 @@ def take_step(
     flight = StepFlight.of(path, step, lanes.moves, lanes.peak)
     arriving = jnp.abs(flight.velocity)
     leaving = velocity_after_impact(case.restitution, arriving, case.equation.velocity_unit)
-    settles, bounce = _settle(case, push, lift, flight, step, leaving, lanes.peak)
-    settles, bounce = materialize((settles, bounce))
+    settles, bounce = materialize(_settle(case, push, lift, flight, step, leaving, lanes.peak))
 
     # Which row of the table each lane has come to.
-    toppled = flight.highest >= TOPPLED_ROTATION
     flies_to_end = ~(flight.lands | flight.blocked) & (flight.time >= time_left)
     arrives = jnp.where(lanes.moves, flies_to_end, ~lifted)
-    exhausted = toppled | (lanes.steps >= max_steps(case))
+    gives_up = (flight.highest >= TOPPLED_ROTATION) | (lanes.steps >= max_steps(case))
     # Not `stop < length`: where NaN has got in, the lane must end as well.
-    ended = (arrives & ~(stop >= length)) | (lanes.moves & exhausted)
+    ended = (arrives & ~(stop >= length)) | (lanes.moves & gives_up)
     interval = jnp.where(arrives & ~before_start, lanes.interval + 1, lanes.interval)
     following = ground.find_next_interval(interval, case.excitation)
-    following = jnp.where(lanes.moves | lifted, interval, following)
-    interval = jnp.where(ended, intervals, following)
+    interval = jnp.where(lanes.moves | lifted, interval, following)
+    interval = jnp.where(ended, intervals, interval)
 
     # The new state. For the overturning criterion it is noted until the input ends.
     side = jnp.where(
@@ -241,20 +233,35 @@ def take_step(
     # state has: these become 0, and no value changes. Else they are of the lifted side.
     forgets = before_end & ~(lifted & (wait <= 0))
     turns = jnp.where(lifted, lanes.side * uplift_side, 1)
-
-    def stand(kept: Reals) -> Reals:
-        return jnp.where(forgets, jax.lax.stop_gradient(kept), turns * kept)
-
-    rotation = jnp.where(lanes.moves, rotation, stand(lanes.rotation))
-    velocity = jnp.where(lanes.moves, velocity, stand(lanes.velocity))
+    rotation, velocity = (
+        jnp.where(
+            lanes.moves, new, jnp.where(forgets, jax.lax.stop_gradient(old), turns * old)
+        )
+        for new, old in ((rotation, lanes.rotation), (velocity, lanes.velocity))
+    )
     impacts = lanes.impacts + flight.lands.astype(jnp.int32)
     taken = jnp.where(lanes.moves, flight.time + bounce, jnp.where(lifted, wait, 0))
-    # Sums that only compare two motions need no derivatives. Bounces after the block settles are
-    # summed as a geometric series.
+    # Bounces after the block settles are summed as a geometric series. Sums that only compare
+    # two motions need no derivatives.
     weight = (case.duration + begin + lanes.elapsed + taken) * jnp.where(
         settles, case.bounces, 1
     )
     energy = jnp.where(flight.lands & before_end, weight * arriving * arriving, 0)
+    coincidences = lanes.coincidences
+    if coincidences is None:
+        energy = jax.lax.stop_gradient(energy)
+    else:
+        new_peak = lanes.moves & (flight.highest > lanes.peak)
+        coincidences = coincidences.add_step(
+            flight,
+            (lanes.rotation, lanes.velocity, lanes.peak),
+            moves=lanes.moves,
+            lifted=lifted,
+            settles=settles,
+            time=begin + lanes.elapsed + wait,
+            input_ends=before_end & (interval >= intervals),
+            counts=jnp.where(case.answer == MARGIN, before_end, new_peak),
+        )
     return materialize(
         Lanes(
             interval=interval,
@@ -267,46 +274,13 @@ def take_step(
             peak=jnp.where(lanes.moves, pick_larger(lanes.peak, flight.highest), lanes.peak),
             impacts=impacts,
             steps=lanes.steps + lanes.moves.astype(jnp.int32),
-            impact_sum=lanes.impact_sum + _fix_unless(lanes.coincidences, energy),
+            impact_sum=lanes.impact_sum + materialize(energy),
             end_rotation=jnp.where(before_end, rotation, lanes.end_rotation),
             end_velocity=jnp.where(before_end, velocity, lanes.end_velocity),
             end_impacts=jnp.where(before_end, impacts, lanes.end_impacts),
-            coincidences=_watch(
-                lanes, case, flight, interval, lifted, begin + lanes.elapsed + wait, settles
-            ),
+            coincidences=coincidences,
         )
     )
-
-
-def _watch(
-    lanes: Lanes,
-    case: Case,
-    flight: StepFlight,
-    interval: Integers,
-    lifted: Booleans,
-    time: Reals,
-    settles: Booleans,
-) -> Coincidences | None:
-    """Note what happens on the way to the next `interval`, if somebody asks for it."""
-    if lanes.coincidences is None:
-        return None
-    before_end = lanes.interval < case.excitation.intervals
-    new_peak = lanes.moves & (flight.highest > lanes.peak)
-    return lanes.coincidences.add_step(
-        flight,
-        (lanes.rotation, lanes.velocity, lanes.peak),
-        moves=lanes.moves,
-        lifted=lifted,
-        settles=settles,
-        time=time,
-        input_ends=before_end & (interval >= case.excitation.intervals),
-        counts=jnp.where(case.answer == MARGIN, before_end, new_peak),
-    )
-
-
-def _fix_unless(asked: Coincidences | None, energy: Reals) -> Reals:
-    """Remove the derivatives of a sum unless somebody asks for them."""
-    return materialize(energy if asked else jax.lax.stop_gradient(energy))
 
 
 def _change_last_terms(path: Coefficients, companion: HostNumbers) -> Coefficients:

@@ -40,8 +40,7 @@ from ...ground_motion import Motion, Suite
 from ...host import Printed, count_work, format_fields
 from ...resonance import ModelLike, Nonlinear, RockingModel, as_model
 from ...validation import POSITIVE, Booleans, Number, Reals, as_real, check, check_concrete
-from .batch import Batch, choose_step_tolerance
-from .prepared_blocks import StepControl
+from .batch import Batch, StepControl, choose_step_tolerance
 from .respond_many import (
     BatchResponse,
     SimulatedAnswer,

@@ -13,14 +13,12 @@ import numpy as np
 
 from ...block import RECTANGLE_INERTIA_RATIO
 from ...numerics import pick_larger, pick_largest, pick_smaller
-from ...validation import Booleans, Integers, Reals
+from ...validation import Integers, Reals
 from .solver_steps import Arc, Segment
 
 # Points of a step at which the forces are computed, as fractions of its length.
 _NODES = np.arange(9) / 8
-# Rounds over a step: at the nodes and at the vertices of both curves; then five that narrow down
-# the loss of contact, to 8^-5, which is 3e-5 of the step.
-_ROUNDS = 3
+# Rounds that narrow down the loss of contact, to 8^-5, which is 3e-5 of the step.
 _LOSS_ROUNDS = 5
 
 
@@ -47,35 +45,13 @@ def friction_demand(horizontal: Reals, normal: Reals) -> Reals:
     return jnp.where(presses, jnp.abs(horizontal) / jnp.where(presses, normal, 1), jnp.inf)
 
 
-class _Round(NamedTuple):
-    """The state after some rounds over the points of a step, as fractions of its length."""
-
-    number: Integers
-    extremes: Reals  # largest friction demand and smallest normal force, negative
-    points: Reals  # (2, nodes): of the next round and the one after it
-    # Where the loss of contact may begin, and the width from there.
-    bracket: Reals
-    matters: Booleans  # whether the step may change the extremes so far
-
-
-def add_step(
-    extremes: ForceExtremes, segment: Segment, arc: Arc, counts: Booleans
-) -> ForceExtremes:
-    """Combine the extremes so far with the extremes in a step, if that counts.
+def add_step(extremes: ForceExtremes, segment: Segment, arc: Arc) -> ForceExtremes:
+    """Combine the extremes so far with the extremes in a step.
 
     The extremes are sought at nodes, and at the vertex of the parabola through each three
     successive nodes, once for the demand and once for the normal force. The loss time lies
     before the first node without a normal force, or where this is smallest; that interval is
     divided again and again.
-
-    Parameters
-    ----------
-    extremes : ForceExtremes
-        So far.
-    segment : Segment
-    arc : Arc
-    counts : Array of bool
-        Whether the step counts; a step that is rejected or repeated does not.
     """
     nodes = jnp.asarray(_NODES, arc.y.dtype)
     # In the shortest steps, which change nothing, the quintic's velocity between the ends is a
@@ -86,49 +62,40 @@ def add_step(
     long = eps**0.5 * jnp.abs(arc.y[0]) <= scaled_length
     used = long | (nodes == 0) | (nodes == 1)
 
-    def goes_on(state: _Round) -> Booleans:
-        most = _ROUNDS + jnp.where(state.extremes[1] >= 0, _LOSS_ROUNDS - 1, 0)
-        return counts & (state.number < jnp.where(state.matters, most, 1))
-
-    def look(state: _Round) -> _Round:
-        number, before, (points, following), bracket, matters = state
-        horizontal, normal = _compute_forces(segment, arc, points)
-        begins = number == 0
+    def find_largest(horizontal: Reals, normal: Reals) -> Reals:
         # Not `max`: its derivative divides by the number of elements equal to the maximum, which
         # is 0 if XLA has recomputed them with different rounding.
         forces = jnp.stack([friction_demand(horizontal, normal), -normal])
-        largest = pick_larger(before, pick_largest(jnp.where(used[None], forces, -jnp.inf)))
-        # Most steps come nowhere near the extremes so far, which values at nodes show: between
-        # nodes the forces exceed those values by much less than half their spread. The demand
-        # is compared as a product, demand times normal force, since the quotient may be
-        # infinite. Once it is, nothing can exceed it.
-        finite = extremes.demand < jnp.inf
-        slides = jnp.abs(horizontal) - jnp.where(finite, extremes.demand, 0) * normal
-        steeper = finite & (1.5 * slides.max() - 0.5 * slides.min() >= 0)
-        lighter = 1.5 * normal.min() - 0.5 * normal.max() <= extremes.normal
-        matters = jnp.where(begins, steeper | lighter, matters)
+        return pick_largest(jnp.where(used[None], forces, -jnp.inf))
 
-        first = jnp.argmin(jnp.maximum(normal, 0))
-        narrowed = jnp.stack([points[jnp.maximum(first - 1, 0)], bracket[1] * nodes[1]])
-        bracket = jnp.where(begins | (number >= _ROUNDS), narrowed, bracket)
-        divided = bracket[0] + bracket[1] * nodes
-        points = jax.lax.cond(
-            begins & matters,
-            lambda: _find_vertices(horizontal, normal),
-            lambda: jnp.stack([jnp.where(number == 1, following, divided), following]),
-        )
-        largest = jnp.where(number < _ROUNDS, largest, before)
-        return _Round(number + 1, largest, points, bracket, matters)
+    horizontal, normal = _compute_forces(segment, arc, nodes)
+    largest = find_largest(horizontal, normal)
+    # Most steps come nowhere near the extremes so far, which values at nodes show: between
+    # nodes the forces exceed those values by much less than half their spread. The demand
+    # is compared as a product, demand times normal force, since the quotient may be
+    # infinite. Once it is, nothing can exceed it.
+    finite = extremes.demand < jnp.inf
+    slides = jnp.abs(horizontal) - jnp.where(finite, extremes.demand, 0) * normal
+    steeper = finite & (1.5 * slides.max() - 0.5 * slides.min() >= 0)
+    lighter = 1.5 * normal.min() - 0.5 * normal.max() <= extremes.normal
+    matters = steeper | lighter
 
-    none = jnp.array([0, -jnp.inf], nodes.dtype)
-    whole = jnp.array([0, 1], nodes.dtype)
-    begin = _Round(
-        jnp.zeros((), int), none, jnp.stack([nodes, nodes]), whole, jnp.array(False)
-    )
-    _, (demand, lightness), _, bracket, _ = jax.lax.while_loop(goes_on, look, begin)
+    def add_vertices(k: Integers, largest: Reals) -> Reals:
+        points = _find_vertices(horizontal, normal)[k]
+        return pick_larger(largest, find_largest(*_compute_forces(segment, arc, points)))
+
+    def narrow(_: object, bracket: Reals) -> Reals:
+        points = bracket[0] + bracket[1] * nodes
+        first = jnp.argmin(jnp.maximum(_compute_forces(segment, arc, points)[1], 0))
+        return jnp.stack([points[jnp.maximum(first - 1, 0)], bracket[1] * nodes[1]])
+
+    largest = jax.lax.fori_loop(0, jnp.where(matters, 2, 0), add_vertices, largest)
+    rounds = jnp.where(matters & (largest[1] >= 0), _LOSS_ROUNDS, 0)
+    # Where the loss of contact may begin, and the width from there, as fractions of the step.
+    bracket = jax.lax.fori_loop(0, rounds, narrow, jnp.array([0, 1], nodes.dtype))
     time = segment.origin + arc.begin + bracket.sum() * (arc.end - arc.begin)
-    loss_time = jnp.where(lightness < 0, jnp.inf, jax.lax.stop_gradient(time))
-    return extremes.combine(demand, -lightness, loss_time)
+    loss_time = jnp.where(largest[1] < 0, jnp.inf, jax.lax.stop_gradient(time))
+    return extremes.combine(largest[0], -largest[1], loss_time)
 
 
 def _find_vertices(horizontal: Reals, normal: Reals) -> Reals:
@@ -142,6 +109,7 @@ def _find_vertices(horizontal: Reals, normal: Reals) -> Reals:
     return nodes[None] + nodes[1] * jnp.pad(vertex, ((0, 0), (1, 1)))
 
 
+@jax.jit
 def _compute_forces(segment: Segment, arc: Arc, points: Reals) -> tuple[Reals, Reals]:
     """Compute horizontal and normal force, over the weight, at points of a step."""
     # At both ends the states themselves are used: interpolation would round them.

@@ -9,13 +9,17 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.experimental.xla_metadata import set_xla_metadata
-from jaxtyping import PyTree
 
 from ...host import Status
-from ...numerics import differentiate_by_jacobian, pick_smaller
+from ...numerics import (
+    differentiate_by_jacobian,
+    pick_smaller,
+    refuse_reverse_mode,
+    transpose_by,
+)
 from ...resonance import RockingModel
 from ...validation import Booleans, Reals, guard_once, replace_invalid
+from .. import Batch, call_as_one_function, follow_batch
 from ..equation import Equation
 from ..overturning_criterion import TOPPLED_ROTATION, free_motion_margins, pick_smaller_margin
 from ..scene import Driven, is_before_wall
@@ -29,7 +33,6 @@ from .motion_to_event import (
     State,
     move_to_event,
 )
-from .record_derivatives import transpose_by_sweep
 from .response import Events, Response
 from .solver_steps import Stepper
 from .uplift import UpliftTable
@@ -39,6 +42,10 @@ _MAX_EVENTS = 2**22
 # Events for which the list has room, for each impact: more than the peak and the impact of a
 # bounce, since uplift, the critical angle and edges of the input are events too.
 _EVENTS_PER_IMPACT = 4
+# What has derivatives in reverse mode with respect to samples. Steps of the batch end at each
+# sample anyway: this tolerance adds few.
+_SWEPT = "peak_rotation", "final_rotation", "final_velocity", "margin"
+_SWEEP_TOLERANCE = 1e-12
 
 _Lists = tuple[Reals, Reals]  # rows of events, and rows of impacts
 _Carry = tuple[State, _Lists]
@@ -121,9 +128,29 @@ def follow_driven(
 
 
 def _follow_by_samples(driven: Driven, **options: Any) -> FollowedMotion:
-    """Follow a block, with other derivatives than `differentiate_by_jacobian` gives."""
+    """Follow a block, with derivatives for arrays, which are the samples of a record.
+
+    Forward mode is that of the loop. Reverse mode uses the sweep of the batch, which solves the
+    same equation. The sweep goes back from the peak and from the final state: for other answers
+    reverse mode is refused.
+    """
     followed = _follow_jitted(driven, **options)
-    return followed._replace(response=transpose_by_sweep(driven, followed.response))
+    response = followed.response
+
+    def get_swept(response: Any) -> list[Reals]:
+        return [getattr(response, name) for name in _SWEPT]
+
+    def sweep(driven: Driven) -> list[Reals]:
+        batch = Batch.of(**vars(driven), rtol=_SWEEP_TOLERANCE)
+        return get_swept(follow_batch(batch, response.model))
+
+    def pull(driven: Driven, cotangents: list[Reals]) -> Driven:
+        return eqx.filter_vjp(sweep, driven)[1](cotangents)[0]
+
+    swept = transpose_by(driven, get_swept(response), pull=pull)
+    name = f"with respect to samples, an answer that is not {', '.join(_SWEPT)}"
+    response = eqx.tree_at(get_swept, refuse_reverse_mode(name, response), swept)
+    return followed._replace(response=response)
 
 
 _follow_jitted = eqx.filter_jit(follow_driven)
@@ -134,24 +161,13 @@ follow_driven_jitted = eqx.filter_jit(
 
 
 @eqx.filter_jit
-def follow_concrete(driven: Driven, **options: object) -> FollowedMotion:
+def follow_concrete(driven: Driven, **options: Any) -> FollowedMotion:
     """Follow a block of concrete numbers on a processor, as `follow_driven` does.
 
-    XLA is told to make one function of the whole. By default it makes one of each small
-    computation before and after the loop, which takes a third of the time of the first call.
+    By default XLA makes a function of each small computation before and after the loop, which
+    takes a third of the time of the first call.
     """
-    arrays, static = eqx.partition((driven, options), eqx.is_array)
-
-    @jax.jit
-    def follow(arrays: PyTree) -> tuple[FollowedMotion, PyTree]:
-        # The attributes belong to the call, not to the operations inside.
-        with set_xla_metadata(inlineable=None, xla_cpu_small_call=None):
-            driven, options = eqx.combine(arrays, static)
-            # All arguments are returned as well: XLA fails on an argument that is not used.
-            return follow_driven(driven, **options), arrays
-
-    with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
-        return follow(arrays)[0]
+    return call_as_one_function(eqx.Partial(follow_driven, **options), driven)
 
 
 def _make_first_state(

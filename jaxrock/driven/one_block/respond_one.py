@@ -15,7 +15,6 @@ from ...validation import (
     Number,
     as_array,
     as_name,
-    as_real,
     check_kind,
     describe,
     is_traced,
@@ -127,9 +126,8 @@ def respond(  # noqa: PLR0913
     False 0
     """
     check_kind("block", block, Block)
-    motions = motion if isinstance(motion, list | tuple) else [motion]
-    many = any(isinstance(item, Suite | Motion) for item in motions)
-    check_kind("motion", motion, Motion, hint="; respond_batch takes several" if many else "")
+    hint = "; respond_batch takes suites" if isinstance(motion, Suite) else ""
+    check_kind("motion", motion, Motion, hint=hint)
     duration = motion.end if duration is None else duration
     driven = Driven(block, restitution, motion, duration, rotation, velocity)
     _check_scalar(driven)
@@ -187,9 +185,6 @@ def _choose_tolerances(
     # No step is accurate to less than some units in the last place: the control would make
     # steps shorter and shorter.
     least = 20 * float(jnp.finfo(dtype).eps)
-    for name, value in (("rtol", rtol), ("atol", atol)):
-        if value is not None:
-            as_real(name, value)  # only checks: its array is traced under `jit`
     rtol = (1e-8 if dtype == np.float64 else 1e-5) if rtol is None else float(rtol)
     atol = 1e-9 * rtol if atol is None else float(atol)
     if not least <= rtol < 1:

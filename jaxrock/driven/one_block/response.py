@@ -183,17 +183,26 @@ class Response(Shown, eqx.Module):
         if status in (Status.STOPPED, Status.INVALID):
             return f"no response: {status.description}"
         angle = self.scene.block.critical_angle
-        fallen = abs(self.final_rotation) >= TOPPLED_ROTATION
-        balanced = status == Status.BALANCED and self.final_velocity == 0
-        moving = "in balance" if balanced and not self.at_rest else "in motion"
-        end = "lies on its side" if fallen else "at rest" if self.at_rest else moving
         # Energy rounds: the margin of a block at rest may be 1 plus an ulp.
         state = "at rest" if round(float(self.margin), 6) == 1 else f"margin {self.margin:.4g}"
+        end = "in motion"
+        if status == Status.BALANCED and self.final_velocity == 0:
+            end = "in balance"
+        if self.at_rest:
+            end = "at rest"
+        if abs(self.final_rotation) >= TOPPLED_ROTATION:
+            end = "lies on its side"
+        # Most impacts are bounces that die out: many in number, small in effect.
+        speeds = np.asarray(self.impact_velocities)
+        speeds = abs(speeds[np.isfinite(speeds)])
+        tiny = int((speeds < _TINY * speeds.max(initial=0.0)).sum())
+        count = int(self.impacts) - tiny
+        bounces = f" (and {tiny:,} tiny bounces)" if tiny else ""
         lines = [
             f"{'overturns' if self.overturned else 'stands'}; {state} when the shaking ends",
             f"peak rotation {self.peak_rotation:.3g} rad, {self.peak_rotation / angle:.3g} of the"
             f" critical angle, at {self.peak_time:.4g} s",
-            f"{self._count_impacts()}, {end} at the end",
+            f"{count:,} impact{'' if count == 1 else 's'}{bounces}, {end} at the end",
             f"the block leaves the ground at {self.contact_loss_time:.4g} s; the model ends there"
             if self.normal_force <= 0
             else f"does not slide if friction exceeds {self.friction_demand:.4g}; normal force at"
@@ -208,18 +217,6 @@ class Response(Shown, eqx.Module):
         if self.overturned and jnp.isfinite(self.overturning_time):
             lines[0] += f", beyond the critical angle from {self.overturning_time:.4g} s on"
         return "\n".join(lines)
-
-    def _count_impacts(self) -> str:
-        """Write how many impacts there were, and how many of them were not tiny."""
-        # Most impacts are bounces that die out: many in number, small in effect.
-        count = int(self.impacts)
-        speeds = abs(np.asarray(self.impact_velocities))
-        speeds = speeds[np.isfinite(speeds)]
-        fast = int((speeds >= _TINY * speeds.max(initial=0.0)).sum())
-        # A list may be full before the last impact.
-        tiny = 0 if speeds.size < count else count - fast
-        impacts = f"{count - tiny:,} impact{'' if count - tiny == 1 else 's'}"
-        return impacts + f" (and {tiny:,} tiny bounces)" * (tiny > 0)
 
 
 @eqx.filter_jit

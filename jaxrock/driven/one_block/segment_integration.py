@@ -217,7 +217,12 @@ def _advance(
     rates = jnp.where(counts, arc.last_rates, before.rates)
     forces = before.forces
     if forces is not None:
-        forces = add_step(forces, segment, arc, counts)
+        forces = jax.lax.cond(
+            counts,
+            lambda so_far: add_step(so_far, segment, arc),
+            lambda so_far: so_far,
+            forces,
+        )
 
     # A kink of the input cuts steps short, and from a short step the controller proposes a
     # short one. Its proposal before the cut is kept.
