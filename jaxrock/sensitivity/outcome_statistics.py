@@ -78,8 +78,7 @@ def compute_sobol_indices(
         alone.append(variances + (effects**2).mean(axis=1, keepdims=True))
         # The rest of the variance belongs to the mean over the records.
         together.append(whole - 0.5 * (centred[:, :, 0] ** 2).sum(axis=0))
-    with np.errstate(invalid="ignore"):  # an answer that does not vary
-        return _estimate("first", alone, whole) | _estimate("total", together, whole)
+    return _estimate("first", alone, whole) | _estimate("total", together, whole)
 
 
 def _estimate(
@@ -92,6 +91,7 @@ def _estimate(
     """
     stacked = np.stack(contributions, axis=1)
     variance = whole.mean(axis=-1)[:, None]
+    variance = np.where(variance > 0, variance, np.nan)  # of an answer that does not vary
     indices = stacked.mean(axis=-1) / variance
     residuals = stacked - indices[..., None] * whole[:, None]
     errors = residuals.std(axis=-1) / whole.shape[-1] ** 0.5 / variance

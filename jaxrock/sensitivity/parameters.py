@@ -156,4 +156,5 @@ def _evaluate(
 
 def describe_parameter(name: str) -> str:
     """Write a parameter in words, a size with the size that stays fixed."""
-    return SIZES_IN_WORDS.get(name, name.replace("_", " "))
+    phrases = {**SIZES_IN_WORDS, "factor": "factor on the motion"}
+    return phrases.get(name, name.replace("_", " "))
