@@ -59,7 +59,7 @@ CODE_LINES = {
     "host": 220,
     "tables": 330,
     "numerics": 637,
-    "resonance": 1338,
+    "resonance": 1339,
     "ground_motion": 1123,
     "ground_motion/files": 846,
     "driven": 3330,

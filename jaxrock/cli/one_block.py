@@ -102,7 +102,7 @@ def respond(
     peaks = f"overturns at {41 - ratios.size} of 41"
     if ratios.size:
         peaks = f"{ratios.min():.2g} to {ratios.max():.2g} of the critical angle, {peaks}"
-    lines.append(f"factors of 0.9 to 1.1 on the motion: {peaks}")
+    lines.append(f"peaks for factors of 0.9 to 1.1 on the motion: {peaks}")
     lifts = f"the motion multiplied by {uplift:.4g} just lifts the block"
     lines.append(lifts if np.isfinite(uplift) else "no factor on the motion lifts the block")
     return Answer("\n".join(lines), data, output, files.paths)

@@ -28,7 +28,7 @@ UP_TO_ITS_SIDE = Domain(
 )
 
 
-def is_before_wall(rotation: AnyArray, velocity: AnyArray) -> AnyArray:
+def is_before_wall(rotation: AnyArray, velocity: AnyArray) -> AnyArray | np.bool_:
     """Return where a one-sided block is neither behind its wall nor moves into it.
 
     A block that moves into the wall would rebound at once: the state after this impact has to

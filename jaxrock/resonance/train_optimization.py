@@ -258,12 +258,13 @@ def _run_descents(
     dtype = problem.rocker.restitution.dtype
     for first in range(0, len(candidates), _TRAINS):
         trains = candidates[first : first + _TRAINS]
+        rows = [(train.numbers, *_compute_bounds(train, problem)) for train in trains]
+        impacts = np.stack([train.impacts for train in trains])
         # One program for any number of trains: the padding takes no step.
-        padded = [*trains, *trains[:1] * (_TRAINS - len(trains))]
-        rows = [(train.numbers, *_compute_bounds(train, problem)) for train in padded]
-        impacts = np.stack([train.impacts for train in padded])
-        most_steps = np.where(np.arange(_TRAINS) < len(trains), steps, 0)
-        columns = (*np.array(rows, dtype).swapaxes(0, 1), impacts, most_steps)
+        index = np.arange(_TRAINS)
+        most_steps = np.where(index < len(trains), steps, 0)
+        index = index % len(trains)
+        columns = (*np.array(rows, dtype)[index].swapaxes(0, 1), impacts[index], most_steps)
         descended = jax.device_get(_descend_all(columns, problem, problem.most_impacts))
         for k in range(len(trains)):
             yield jax.tree.map(lambda rows, k=k: rows[k], descended)

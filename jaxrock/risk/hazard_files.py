@@ -47,7 +47,7 @@ _EXPECTED = (
 _CONVENTIONS = {"pga": "g", "pgv": "cm/s"}
 _FIELD = re.compile(r"(kind|investigation_time|imt)='?([^',;\"]*)")
 _PREFIX = "poe-"
-_NEAR = 1e-4  # degrees, about 10 m: coordinates are printed with four or five digits
+_ABOUT_SITES = ("custom site id", "lon", "lat", "depth", "vs30")
 # Measure, statistic, unit of the levels, levels in SI, and their rates [1/yr].
 _Curve = tuple[str, str, Unit, np.ndarray, np.ndarray]
 
@@ -143,13 +143,7 @@ def _list_names(heads: Sequence[Head]) -> list[str]:
 
 def _has_sites(heads: Sequence[Head]) -> bool:
     """Return whether these are the heads of a table with a line for each site."""
-    names = _list_names(heads)
-    return {"lon", "lat"} <= {*names} and any(map(_find_level, names))
-
-
-def _find_level(name: str) -> float | None:
-    """Find the level of which a column has the probability in the table of OpenQuake."""
-    return as_number(name.removeprefix(_PREFIX)) if name.startswith(_PREFIX) else None
+    return {"lon", "lat"} <= {*_list_names(heads)}
 
 
 def _has_levels(heads: Sequence[Head]) -> bool:
@@ -220,7 +214,10 @@ def _read_site(
     """Read the curve of a site from a table of OpenQuake."""
     text = table.text
     names = _list_names(table.heads)
-    levels = {k: level for k, name in enumerate(names) if (level := _find_level(name))}
+    columns = [k for k, name in enumerate(names) if name not in _ABOUT_SITES]
+    levels = [as_number(names[k].partition(_PREFIX)[2]) for k in columns]
+    if not levels or None in levels:
+        raise table.error(f"columns of levels were expected, such as {_PREFIX}0.1")
     fields = dict(_FIELD.findall(text.lines[0].lower()))
     years = as_number(fields.get("investigation_time", "")) or 0.0
     stated = fields.get("imt", ""), fields.get("kind", "")
@@ -235,9 +232,9 @@ def _read_site(
         found = f"{' '.join(stated)} in {stated_unit.spelling}"
         raise text.error(f"the first line states {found}, another one is given")
     row = _choose_row(table, site, [names.index("lon"), names.index("lat")])
-    values = np.array([table.require_number(row, k) for k in levels])
+    values = np.array([table.require_number(row, k) for k in columns])
     rates = _convert_probability(values, years)
-    return *stated, stated_unit, stated_unit.factor * np.array([*levels.values()]), rates
+    return *stated, stated_unit, stated_unit.factor * np.array(levels, float), rates
 
 
 def _choose_row(
@@ -247,7 +244,8 @@ def _choose_row(
     points = np.array([[table.require_number(row, k) for k in columns] for row in table.rows])
     near = np.ones(len(points), bool)
     if site is not None:
-        near = np.isclose(points, site, rtol=0, atol=_NEAR).all(axis=1)
+        # Coordinates are printed with four or five digits: to about 10 m.
+        near = np.isclose(points, site, rtol=0, atol=1e-4).all(axis=1)
     if near.sum() != 1:
         listed = ", ".join(f"{lon:g} {lat:g}" for lon, lat in points[:5])
         got = "none" if site is None else f"{site[0]:g} {site[1]:g}"

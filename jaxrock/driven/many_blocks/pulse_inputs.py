@@ -189,9 +189,11 @@ def make_pulse_input(kind: type[Pulse], dtype: DTypeLike, intervals: Number = 1)
             f"{kind.__name__} has no power series: batches take pulse.sampled(time_step) instead"
         )
     # The rate is for a pulse of duration 1, see `Pulse.harmonic`.
-    rate, first_phase = (np.asarray(number, dtype) for number in harmonic)
-    phases = rate * np.asarray(kind.extremes[-1], dtype)
-    return shape(np.asarray(intervals, np.int32), phases, first_phase)
+    rate, first_phase = harmonic
+    phases = np.asarray(rate, dtype) * np.asarray(kind.extremes[-1], dtype)
+    return shape(
+        np.asarray(intervals, np.int32), np.asarray(phases), np.asarray(first_phase, dtype)
+    )
 
 
 def _compute_sine_cosine(phase: Reals) -> tuple[Reals, Reals]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...block import RECTANGLE_INERTIA_RATIO
 from ...numerics import pick_larger, pick_largest, pick_smaller
-from ...validation import Integers, Reals
+from ...validation import Reals
 from .solver_steps import Arc, Segment
 
 # Points of a step at which the forces are computed, as fractions of its length.
@@ -60,8 +60,9 @@ def add_step(extremes: ForceExtremes, segment: Segment, arc: Arc) -> ForceExtrem
     eps = float(jnp.finfo(nodes.dtype).eps)
     scaled_length = (arc.end - arc.begin) * jnp.sqrt(segment.equation.p_squared)
     long = eps**0.5 * jnp.abs(arc.y[0]) <= scaled_length
-    used = long | (nodes == 0) | (nodes == 1)
+    used = long | (_NODES == 0) | (_NODES == 1)
 
+    @jax.jit
     def find_largest(horizontal: Reals, normal: Reals) -> Reals:
         # Not `max`: its derivative divides by the number of elements equal to the maximum, which
         # is 0 if XLA has recomputed them with different rounding.
@@ -80,16 +81,19 @@ def add_step(extremes: ForceExtremes, segment: Segment, arc: Arc) -> ForceExtrem
     lighter = 1.5 * normal.min() - 0.5 * normal.max() <= extremes.normal
     matters = steeper | lighter
 
-    def add_vertices(k: Integers, largest: Reals) -> Reals:
-        points = _find_vertices(horizontal, normal)[k]
-        return pick_larger(largest, find_largest(*_compute_forces(segment, arc, points)))
+    def add_vertices() -> Reals:
+        first, second = (
+            find_largest(*_compute_forces(segment, arc, points))
+            for points in _find_vertices(horizontal, normal)
+        )
+        return pick_larger(largest, pick_larger(first, second))
 
     def narrow(_: object, bracket: Reals) -> Reals:
         points = bracket[0] + bracket[1] * nodes
         first = jnp.argmin(jnp.maximum(_compute_forces(segment, arc, points)[1], 0))
         return jnp.stack([points[jnp.maximum(first - 1, 0)], bracket[1] * nodes[1]])
 
-    largest = jax.lax.fori_loop(0, jnp.where(matters, 2, 0), add_vertices, largest)
+    largest = jax.lax.cond(matters, add_vertices, lambda: largest)
     rounds = jnp.where(matters & (largest[1] >= 0), _LOSS_ROUNDS, 0)
     # Where the loss of contact may begin, and the width from there, as fractions of the step.
     bracket = jax.lax.fori_loop(0, rounds, narrow, jnp.array([0, 1], nodes.dtype))
@@ -109,8 +113,9 @@ def _find_vertices(horizontal: Reals, normal: Reals) -> Reals:
     return nodes[None] + nodes[1] * jnp.pad(vertex, ((0, 0), (1, 1)))
 
 
+# Jitted, so that a program has it once.
 @jax.jit
-def _compute_forces(segment: Segment, arc: Arc, points: Reals) -> tuple[Reals, Reals]:
+def _compute_forces(segment: Segment, arc: Arc, points: Reals) -> Reals:
     """Compute horizontal and normal force, over the weight, at points of a step."""
     # At both ends the states themselves are used: interpolation would round them.
     rotation, velocity = (
@@ -132,7 +137,9 @@ def _compute_forces(segment: Segment, arc: Arc, points: Reals) -> tuple[Reals, R
     )
     sine, cosine = radius_over_g * jnp.sin(tilt), radius_over_g * jnp.cos(tilt)
     square = velocity**2
-    return (
+    forces = (
         cosine * acceleration + sine * square - push,
         1 + lift + sine * acceleration - cosine * square,
     )
+    # One array: if it were two, a program would have this again for each use of one of them.
+    return jnp.stack(forces)
