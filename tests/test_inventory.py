@@ -92,6 +92,7 @@ REFUSED = [
     (f"{HEAD}\nb,1,2,-.5,\n", ("line 2", "restitution of at least 0")),
     (f"{HEAD}\na,1,2,1,0.1\n", ("restitution must be", "uncertain", "got 1")),
     (f"{PLACE}\na,1,1.2,,yes,,,\n", ("line 2", "must be given")),
+    (f"{PLACE}\na,.2,1,,,,.05,\n", ("line 2", "floor damping needs a floor period")),
     (f"{PLACE}\na,.2,1,,,.4,5,\n", ("line 2", "'floor damping'", "less than 1")),
     (f"{PLACE}\na,.2,1,,,250,,\n", ("line 2", "from 0 to 20, in s", "'250'")),
     (f"{PLACE}\na,1,3,,x,,,.5\n", ("line 2", "no depth", "right angles to the wall")),
