@@ -90,7 +90,7 @@ REFUSED = [
     (f"{HEAD}\na,1,2,,\na,1,2,,\n", ("names must differ", "'a'")),
     (f"{HEAD}\na,3,.3,,\n", ("line 2", "exchanged?", "must be given")),
     (f"{HEAD}\nb,1,2,-.5,\n", ("line 2", "restitution of at least 0")),
-    (f"{HEAD}\na,1,2,1,0.1\n", ("restitution must be", "uncertain", "got 1")),
+    (f"{HEAD}\na,1,2,1,0.1\n", ("restitution must not be 0.1", "mean of 1")),
     (f"{PLACE}\na,1,1.2,,yes,,,\n", ("line 2", "must be given")),
     (f"{PLACE}\na,.2,1,,,,.05,\n", ("line 2", "floor damping needs a floor period")),
     (f"{PLACE}\na,.2,1,,,.4,5,\n", ("line 2", "'floor damping'", "less than 1")),
