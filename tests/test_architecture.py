@@ -65,7 +65,7 @@ CODE_LINES = {
     "driven": 3337,
     "steady": 820,
     "overturning": 529,
-    "sensitivity": 1107,
+    "sensitivity": 1102,
     "calibration": 1046,
     "calibration/outcomes": 950,
     "accuracy": 449,

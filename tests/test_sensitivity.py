@@ -12,7 +12,6 @@ from scipy import stats
 from tools.selection import first_by_default
 
 import jaxrock as jr
-from jaxrock.sensitivity.closed_forms import find_finite_ranges
 
 pytestmark = pytest.mark.float64
 WALL = jr.Scene(jr.Block(0.4, 5.0), restitution=0.7, intensity=0.15)
@@ -217,15 +216,12 @@ def test_ranges_end_at_the_threshold_and_at_the_ends_of_domains(model):
         k = found.names.index(name)
         np.testing.assert_allclose((found.below[k], found.above[k]), expected, rtol=1e-14)
     # Nearer than any distance tried first; and many points are as each of them.
-    near = float(ends["intensity"][1]) * (1 - np.array([[1e-13], [0.5]]))
-
-    @jax.jit  # so that an intensity below 0 gives NaN
-    def evaluate(points):
-        return jr.rotation_ratio(jr.Scene(scene.block, 0.7, points[..., 0]), model)
-
-    below, above = find_finite_ranges(evaluate, near)
-    np.testing.assert_array_equal(below, 0)
-    np.testing.assert_allclose(above, float(ends["intensity"][1]), rtol=1e-15)
+    near = float(ends["intensity"][1]) * (1 - np.array([1e-13, 0.5]))
+    answer = jr.rotation_ratio
+    found = jr.derivatives_within(scene.block, 0.7, near, 1e-9, of=answer, model=model)
+    np.testing.assert_array_equal(found.below["intensity"], 0)
+    limit = float(ends["intensity"][1])
+    np.testing.assert_allclose(found.above["intensity"], limit, rtol=1e-15)
 
 
 def draw_answers(answer, scene, variations, count, seed=1):

@@ -1,6 +1,5 @@
 """Derivatives of closed forms: their accuracy, and the ranges in which answers are finite."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -155,25 +154,21 @@ def differentiate_at(
     changes = np.abs(hessian * sizes[..., None, :]).sum(axis=-1)
     units = _UNITS_OF_PARAMETER * changes + _UNITS_OF_DERIVATIVE * np.abs(gradient)
     error = np.finfo(gradient.dtype).eps * units
-    ranges = find_finite_ranges(
-        lambda trials: evaluate(answer, parameters, names, trials)[0], point
-    )
+    ranges = find_finite_ranges(answer, parameters, names, point)
     return Sensitivities(names, point, value[()], gradient, hessian, error, *ranges)
 
 
 def find_finite_ranges(
-    evaluate: Callable[[np.ndarray], np.ndarray], point: np.ndarray
+    answer: Answer, parameters: Parameters, names: tuple[str, ...], point: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find from where to where an answer is finite, along each parameter, the others unchanged.
 
     Parameters
     ----------
-    evaluate : callable
-        It computes answers, shape (..., points), of parameters, shape (..., points, names).
-        They are not finite beyond the overturning threshold, and outside of a domain, where
-        only traced parameters are allowed.
-    point : ndarray, shape (..., names)
-        Parameters.
+    answer, parameters : callable, Parameters
+        The answer is not finite beyond the overturning threshold and outside of a domain.
+    names, point : tuple of str and ndarray, shape (..., names)
+        Parameters, and their values.
 
     Returns
     -------
@@ -192,7 +187,7 @@ def find_finite_ranges(
     values = near + size * directions * _DISTANCES
     for _ in range(_ROUNDS):
         trials = np.where(is_varied, values[..., None], point[..., None, None, None, :])
-        is_finite = np.isfinite(evaluate(trials))
+        is_finite = np.isfinite(evaluate(answer, parameters, names, trials)[0])
         # The number of finite values before the first that is not finite.
         count = np.cumprod(is_finite, axis=-1).sum(axis=-1, keepdims=True)
         edges = np.concatenate([near, values, far], axis=-1)

@@ -106,11 +106,9 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     """
     parameters = name_parameters(at, ranges, "ranges")
     points = _list_ends(parameters.get_values(ranges), ranges)
-    (values,) = evaluate(answer, parameters, tuple(ranges), points)
-    limits = find_finite_ranges(
-        lambda trials: evaluate(answer, parameters, tuple(ranges), trials)[0], points[0]
-    )
-    return _arrange_bars(values, ranges, limits)
+    question = answer, parameters, tuple(ranges)
+    (values,) = evaluate(*question, points)
+    return _arrange_bars(values, ranges, find_finite_ranges(*question, points[0]))
 
 
 def driven_tornado(
