@@ -165,10 +165,8 @@ def describe_inventory(assessed: "xarray.Dataset") -> str:
         "stands": [describe_place(one) or "free" for one in objects],
     }
     years = write_years(1 / assessed.attrs["target"])
-    missing = int((assessed.verdict == MISSES).sum())
-    lines = [
-        f"{missing} of {len(objects)} objects overturn more often than once in {years} years"
-    ]
+    missing = f"{int((assessed.verdict == MISSES).sum())} of {len(objects)} objects"
+    lines = [f"{missing} overturn more often than once in {years} years"]
     lines += [f"records: {name_records(assessed)}", assessed.attrs["hazard_curve"]]
     lines += ["needs: the width at this height from which on the target is met"]
     names = assessed.object.values.tolist()

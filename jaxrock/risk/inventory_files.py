@@ -102,6 +102,7 @@ def read_inventory(
     )
     damping = values["floor damping"]
     period = np.nan_to_num(values["floor period"])
+    contents.require(np.isnan(damping) | (period > 0), "floor damping needs a floor period")
     # The shorter side of the base is the width: over the longer one it is harder to overturn.
     sizes = {
         "width": np.fmin(values["width"], depth),

@@ -49,8 +49,8 @@ def work_off(
         """Store the results of lanes that have finished, and give them new blocks."""
         lanes, block, case, taken, results = progress
         idle = ~lanes.are_active(case)
-        # One scatter of rows: an array for each number would need a dozen.
-        leaves = jax.tree.leaves(lanes)
+        # One scatter of rows: an array for each number would need ten.
+        leaves = jax.tree.leaves(lanes.without_next_step())
         rows = jnp.stack([leaf.astype(dtype) for leaf in leaves], axis=-1)
         results = results.at[jnp.where(idle, block, size)].set(rows)
 
@@ -93,18 +93,19 @@ def work_off(
     # Lanes begin as if they had finished some block, whose result nobody reads.
     any_case = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[0], (lanes,)), queue)
     idle = Lanes.at_rest(any_case.excitation.intervals, dtype, watched)
+    final = idle.without_next_step()
     begin = _Progress(
         lanes=idle,
         block=jnp.full(lanes, size, jnp.int32),
         case=any_case,
         taken=jnp.zeros((), jnp.int32),
-        results=jnp.zeros((size + 1, len(jax.tree.leaves(idle))), dtype),
+        results=jnp.zeros((size + 1, len(jax.tree.leaves(final))), dtype),
     )
     # The last turn only stores results: what refills before the loop as well is compiled twice.
     *_, results = jax.lax.while_loop(
         lambda progress: (progress.taken < count) | (progress.block < size).any(), go_on, begin
     )
-    return jax.tree.unflatten(jax.tree.structure(idle), list(results[:-1].T))
+    return jax.tree.unflatten(jax.tree.structure(final), list(results[:-1].T))
 
 
 def _sum_up(x: Integers) -> Integers:

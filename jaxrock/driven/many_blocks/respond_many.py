@@ -480,7 +480,9 @@ def _share_out(ground: GroundInput, rows: HostReals, program: _Program) -> Simul
         count = part.shape[1]
         queue = np.ones((len(rows), room), rows.dtype)
         queue[:, :count] = part
-        placed = jax.device_put((ground, queue), devices[k % len(devices)])
+        placed = (ground, queue)
+        if len(devices) > 1 or not on_processor:
+            placed = jax.device_put(placed, devices[k % len(devices)])
         result = follow(*placed, count, program=program, lanes=lanes)
         answers = jax.tree.map(lambda leaf: leaf[:count], jax.device_get(result))
         work.update(count)

@@ -131,6 +131,14 @@ class Lanes(eqx.Module):
             end_velocity=initial.velocity,
         )
 
+    def without_next_step(self) -> "Lanes":
+        """Return the states without what only the next step needs."""
+        return eqx.tree_at(
+            lambda lanes: (lanes.interval, lanes.elapsed, lanes.step_limit, lanes.moves),
+            self,
+            (None,) * 4,
+        )
+
     def are_active(self, case: Case) -> Booleans:
         """Return which motions go on."""
         return self.moves | (self.interval < case.excitation.intervals)

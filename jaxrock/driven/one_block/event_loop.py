@@ -137,7 +137,7 @@ def _follow_by_samples(driven: Driven, **options: Any) -> FollowedMotion:
     followed = _follow_jitted(driven, **options)
     response = followed.response
 
-    def get_swept(response: Any) -> list[Reals]:
+    def get_swept(response: Any) -> list:
         return [getattr(response, name) for name in _SWEPT]
 
     def sweep(driven: Driven) -> list[Reals]:
