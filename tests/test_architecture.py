@@ -65,7 +65,7 @@ CODE_LINES = {
     "driven": 3346,
     "steady": 820,
     "overturning": 529,
-    "sensitivity": 1102,
+    "sensitivity": 1103,
     "calibration": 1046,
     "calibration/outcomes": 950,
     "accuracy": 449,

@@ -123,7 +123,8 @@ class Derivatives(Printed, eqx.Module):
         ):
             reason = int(column[name])
             if limit == x and reason == _LIMIT:
-                text += "; one-sided, for a " + ("larger" if side == "below" else "smaller")
+                inside = {"below": "larger", "above": "smaller"}[side]
+                text += f"; one-sided, for a {inside} {symbol}"
             elif limit == x:
                 text += f"; no range {side}: {REASONS[reason]}"
             elif reason != _EXAMINED:
