@@ -62,7 +62,7 @@ CODE_LINES = {
     "resonance": 1415,
     "ground_motion": 1123,
     "ground_motion/files": 846,
-    "driven": 3345,
+    "driven": 3347,
     "steady": 876,
     "overturning": 529,
     "sensitivity": 1426,
