@@ -62,7 +62,7 @@ CODE_LINES = {
     "resonance": 1339,
     "ground_motion": 1123,
     "ground_motion/files": 846,
-    "driven": 3346,
+    "driven": 3348,
     "steady": 820,
     "overturning": 529,
     "sensitivity": 1103,
