@@ -23,7 +23,7 @@ def test_spectrum(tmp_path, monkeypatch, devices):
     grid = GRID | {"slenderness": np.linspace(3, 10, 37)}
     shared = jr.resonance_spectrum(**grid)
     stored = jr.resonance_spectrum(**grid, store=tmp_path / "spectrum.nc")
-    monkeypatch.setattr(jax, "local_devices", lambda: devices[:1])
+    monkeypatch.setattr(jax, "local_devices", lambda **_: devices[:1])
     single = jr.resonance_spectrum(**grid)
     with stored:
         for name in single:
@@ -39,7 +39,7 @@ def test_batch(monkeypatch, devices):
     monkeypatch.setattr(few, lambda _: 1)
     pulses = jr.Sine(np.linspace(1.5, 6.0, 30), 0.6)
     shared = jr.respond_batch(jr.Block(0.4, 5.0), 0.9, pulses, 4.0)
-    monkeypatch.setattr(jax, "local_devices", lambda: devices[:1])
+    monkeypatch.setattr(jax, "local_devices", lambda **_: devices[:1])
     single = jr.respond_batch(jr.Block(0.4, 5.0), 0.9, pulses, 4.0)
     assert np.ptp(single.peak_rotation) > 0
     for ours, theirs in zip(jax.tree.leaves(shared), jax.tree.leaves(single), strict=True):
