@@ -105,7 +105,7 @@ def tornado(answer: Answer, at: Any, ranges: Ranges) -> TornadoBars:
     slenderness                 4 to 6     0.0954255       0.15161    0 to 20.97
     """
     parameters = name_parameters(at, ranges, "ranges")
-    points = _list_ends(parameters.get_values(ranges), ranges)
+    points = _list_points(parameters.get_values(ranges), ranges)
     question = answer, parameters, tuple(ranges)
     (values,) = evaluate(*question, points)
     return _arrange_bars(values, ranges, find_finite_ranges(*question, points[0]))
@@ -161,7 +161,7 @@ def driven_tornado(
     as_name("answer", answer, ("rotation_ratio", "peak_rotation", "margin"))
     scene, _ = gather_scene(block, restitution, motion)
     parameters = name_parameters(scene, ranges, "ranges")
-    points = _list_ends(parameters.get_values(ranges), ranges)
+    points = _list_points(parameters.get_values(ranges), ranges)
     scenes = parameters.build(dict(zip(ranges, points.T, strict=True)))
     response = simulate_scenes(scenes, motion, as_model(model))
     # A block that has fallen lies where nothing changes: its peak is no answer.
@@ -173,7 +173,7 @@ def driven_tornado(
     return _arrange_bars(values, ranges)
 
 
-def _list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
+def _list_points(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     """List the point itself, then for each parameter both ends of its range, as rows.
 
     Raises
@@ -184,11 +184,11 @@ def _list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
     # All points are one batch for one program.
     points = np.tile(point, (1 + 2 * len(ranges), 1))
     for k, (name, limits) in enumerate(ranges.items()):
-        ends = as_real(f"ranges of {name}", limits)
+        pair = as_real(f"ranges of {name}", limits)
         # A value in float32, or computed from other values, may differ by rounding from the
         # number that was typed.
         rounding = 1e-6 * abs(point[k])
-        if ends.shape != (2,) or not ends[0] - rounding <= point[k] <= ends[1] + rounding:
+        if pair.shape != (2,) or not pair[0] - rounding <= point[k] <= pair[1] + rounding:
             raise ValueError(
                 f"ranges of {name} must be a low and a high value around {point[k]:g}, got"
                 f" {describe(limits)}"
@@ -198,7 +198,7 @@ def _list_ends(point: np.ndarray, ranges: Ranges) -> np.ndarray:
 
 
 def _arrange_bars(values: np.ndarray, ranges: Ranges, limits: Any = np.nan) -> TornadoBars:
-    """Arrange answers at the points of `_list_ends` as bars, the widest first.
+    """Arrange answers at the points of `_list_points` as bars, the widest first.
 
     `limits` are the limits of finite answers along each parameter.
     """

@@ -151,7 +151,7 @@ def _bound_fourth_derivative(path: Coefficients, step: Reals) -> Reals:
 
 
 def _locate_root(series: Coefficients, length: Reals, last: Reals) -> tuple[Reals, Booleans]:
-    """Locate where a series that is `last` < 0 at `length` falls through 0; tell whether it did.
+    """Locate where a series that is `last` < 0 at `length` falls through 0; return whether it did.
 
     From the root of a parabola, in two steps. How far the second one goes shows whether they are
     enough.

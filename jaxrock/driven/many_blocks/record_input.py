@@ -54,7 +54,7 @@ class RecordInput(eqx.Module):
     def excite(
         self, motion: Integers, strength: Reals, length: Reals, rate: Reals, tangent: Reals
     ) -> tuple[Excitation, Booleans]:
-        """Describe the input as blocks feel it, and tell whether their motions are finite.
+        """Describe the input as blocks feel it, and return whether their motions are finite.
 
         The grade is the strongest one that is not above what a block needs: it misses none.
         """

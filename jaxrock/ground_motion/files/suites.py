@@ -109,7 +109,7 @@ def read_suite(
 
 
 def _list_files(source: StrPath | Iterable[StrPath]) -> tuple[list[Path], bool]:
-    """List the files of a suite, and tell whether they are of a folder."""
+    """List the files of a suite, and return whether they are of a folder."""
     if isinstance(source, str | os.PathLike):
         folder = Path(source)
         if not folder.is_dir():
